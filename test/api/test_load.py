@@ -154,15 +154,6 @@ def test_a_part_without_samples_is_refused(
         simulated.between(start, end)
 
 
-def test_a_part_may_have_an_open_end(simulated: Session) -> None:
-    infinity = float('inf')
-    end = simulated.between(5, infinity)
-    assert end.name == f'{simulated.name}, from 5 s on'
-    assert len(end.force) == len(simulated.between(5.0, 1e300).force) == 10_000
-    assert len(simulated.between(-infinity, np.float32(5.0)).force) == 5001
-    assert len(simulated.between(-infinity, infinity).pulses) == len(simulated.pulses)
-
-
 def test_arrays_become_a_session(simulated: Session) -> None:
     pulses, begin = simulated.pulses, simulated.force.stamp_ns[0]
     time = 1e-9 * (simulated.force.stamp_ns - begin)

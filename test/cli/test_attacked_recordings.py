@@ -45,20 +45,6 @@ def test_names_cannot_break_the_line(rpms: Rpms, short_session: Path, tmp_path: 
         assert 'c\nd' not in out + err
 
 
-def test_links_are_followed_where_they_lead_to_files(
-    rpms: Rpms, short_session: Path, tmp_path: Path
-) -> None:
-    (tmp_path / 'link').symlink_to(short_session)
-    assert rpms('info', tmp_path / 'link')[0] == 0
-    (tmp_path / 'loop').symlink_to('loop')
-    refused(rpms, tmp_path / 'loop', 'expected a recording at ')
-    for number, target in enumerate(('nowhere', 'bag_0.mcap', '/dev/zero')):
-        folder = tmp_path / str(number)
-        folder.mkdir()
-        (folder / 'bag_0.mcap').symlink_to(target)
-        refused(rpms, folder, 'expected .mcap or .db3 files at ')
-
-
 @contextmanager
 def without_rights() -> Iterator[None]:
     """Be somebody who may read only what everybody may."""

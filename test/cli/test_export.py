@@ -114,24 +114,6 @@ def test_what_was_exported_imports_again_with_the_same_numbers(
     np.testing.assert_array_equal(after.pulses.intensity, before.pulses.intensity)
 
 
-def test_pandas_reads_the_tables(rpms: Rpms, session: Path) -> None:
-    folder = exported(rpms, session, 'csv')
-    recording = read_recording(session)
-    force = pd.read_csv(folder / 'force.csv')
-    assert list(force) == ['time_s', 'force_N']
-    np.testing.assert_array_equal(force['force_N'], recording.forces.force)
-    stamps = recording.forces.stamp_ns
-    # a nanosecond is the last digit that is written
-    np.testing.assert_allclose(force['time_s'], (stamps - stamps[0]) / 1e9, atol=1e-9)
-    pulses = pd.read_csv(folder / 'pulses.csv')
-    assert pulses['sequence'].tolist() == [7, 8, 10]
-    np.testing.assert_array_equal(pulses['intensity'], recording.pulses.intensity)
-    facts = json.loads((folder / 'session.json').read_text())
-    assert facts['origin_ns'] == str(stamps[0])
-    assert facts['session_hash'] == session_hash(recording)
-    assert facts['notes'] == {'patient': NOTE}
-
-
 def test_estimates_are_a_table_that_no_spreadsheet_runs(rpms: Rpms, session: Path) -> None:
     folder = exported(rpms, session, 'csv')
     with (folder / 'estimates.csv').open(newline='') as file:

@@ -5,41 +5,14 @@
 import json
 import re
 from collections.abc import Callable
-from dataclasses import fields
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from rpms_ros.identification import Estimate
 from rpms_ros.recording import read_recording
 from rpms_ros.report.result import FOLLOWED, IdentificationOptions, identified
 
 Rpms = Callable[..., tuple[int, str, str]]
-
-
-def assert_same_bits(one: Estimate, other: Estimate) -> None:
-    for field in fields(Estimate):
-        np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name))
-
-
-@pytest.mark.long
-@pytest.mark.parametrize('estimator', ['recursive', 'tracking'])
-@pytest.mark.parametrize(('most', 'made'), [(1, 7), (7, 7), (30, 25), (1000, 100)])
-def test_fewer_estimates_are_among_all_of_them(
-    short_session: Path, estimator: str, most: int, made: int
-) -> None:
-    recording = read_recording(short_session)
-    options = IdentificationOptions(estimator)
-    every = identified(recording, options)
-    few = identified(recording, options, most_estimates=most)
-    on_line = {estimate.stamp_ns: estimate for estimate in every.estimates}
-    assert len(every.estimates) == 100
-    assert len(few.estimates) == made
-    for estimate in few.estimates:
-        assert_same_bits(estimate, on_line[estimate.stamp_ns])
-    assert few.last.stamp_ns == every.last.stamp_ns
-    np.testing.assert_array_equal(few.prediction, every.prediction)
 
 
 @pytest.mark.long

@@ -119,24 +119,6 @@ def test_cut_off_recording_is_identified_and_told(
     assert err.startswith('rpms: warning: cut.mcap has no end')
 
 
-def test_faults_of_the_data_are_counted(
-    as_json: AsJson, short_session: Path, tmp_path: Path
-) -> None:
-    recording = read_recording(short_session)
-    force = recording.forces.force.copy()
-    force[[100, 200]] = np.nan, np.inf
-    stamp_ns = recording.forces.stamp_ns.copy()
-    stamp_ns[300] = stamp_ns[299]
-    write_recording(tmp_path / 'session', recording.pulses, ForceTrace(stamp_ns, force))
-    document = as_json('identify', tmp_path / 'session', '--json')
-    assert document['faults'] == {
-        'force_not_finite': 2,
-        'force_conflict': 1,
-        'samples_excluded': 1,
-    }
-    assert document['samples'] == 10_000 - 3
-
-
 @pytest.mark.parametrize(
     ('options', 'message'),
     [
@@ -216,31 +198,6 @@ def test_the_verdict_begins_the_text_and_decides_the_exit_code(
     assert word.split(': ')[1] in document['verdict']['reasons'][0]
 
 
-@pytest.mark.long
-def test_what_the_data_do_not_tell_is_not_printed(rpms: Rpms, tmp_path: Path) -> None:
-    """Intensities between 60 and 70 %: neither threshold nor saturation shows."""
-    path = tmp_path / 'session'
-    rpms('simulate', '--out', path, '--duration', '4', '--noise', '0.3', '--quiet')
-    recording = read_recording(path)
-    pulses = recording.pulses
-    narrow = 0.6 + 0.1 * pulses.intensity
-    write_recording(
-        tmp_path / 'narrow',
-        PulseTrain(pulses.onset_ns, narrow, pulses.sequence, pulses.width),
-        recording.forces,
-    )
-    _, out, _ = rpms('identify', tmp_path / 'narrow', '--estimator', 'batch')
-    _, text, _ = rpms('identify', tmp_path / 'narrow', '--estimator', 'batch', '--json')
-    document = json.loads(text)
-    flags = document['identifiability'].items()
-    unknown = [name for name, flag in flags if flag == 'not informed']
-    assert unknown
-    for name in unknown:
-        assert document['recruitment'][name] is None
-        assert document['deviation'][name] is None
-        assert f'{name} 0' not in out
-
-
 def test_trains_of_one_intensity_give_their_dynamics(rpms: Rpms, tmp_path: Path) -> None:
     """Eight pulses at 50 Hz; no law of how force depends on the rate has a part in it."""
     lag = np.arange(4000)[:, None] / 2000 - 1.0 - np.arange(8) / 50 - 9e-3
@@ -314,20 +271,6 @@ def test_what_is_known_is_saved_and_started_from(
     code, _, err = rpms('identify', short_session, '--start-from', state)
     assert code == 2
     assert 'expected an estimator that can start from an earlier session' in err
-
-
-def test_a_history_law_comes_from_a_file(rpms: Rpms, short_session: Path, tmp_path: Path) -> None:
-    law = tmp_path / 'law.json'
-    law.write_text('{"facilitation": 0.5}')
-    options = ('--estimator', 'tracking', '--temporal-summation', law)
-    code, out, _ = rpms('identify', short_session, *options)
-    # the simulated muscle does not follow this law
-    assert code == 1
-    assert 'residuals_alike' in out
-    law.write_text('{"facilitation": -0.5}')
-    code, _, err = rpms('identify', short_session, *options)
-    assert code == 2
-    assert 'expected a facilitation of at least 0, got -0.5' in err
 
 
 def test_what_was_not_predicted_is_no_error_of_prediction(rpms: Rpms, tmp_path: Path) -> None:

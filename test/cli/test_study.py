@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from pyarrow import parquet
 
 from rpms_ros.cli import main
 from rpms_ros.report.page import embedded
@@ -65,15 +64,6 @@ def test_table_does_not_depend_on_the_number_of_processes(
     assert (tmp_path / 'two' / 'results.csv').read_bytes() == expected
 
 
-def test_parquet_holds_the_same(rpms: Rpms, sessions: Path, tmp_path: Path) -> None:
-    rpms('study', sessions / 'session_0', '--out', tmp_path, '--jobs', 1)
-    (row,) = parquet.read_table(tmp_path / 'results.parquet').to_pylist()
-    (text,) = table_of(tmp_path)
-    assert {name: '' if value is None else str(value) for name, value in row.items()} == text
-    assert isinstance(row['samples'], int)
-    assert isinstance(row['u_thr'], float)
-
-
 def test_failures_are_rows_with_their_reason_and_tried_again(
     rpms: Rpms, sessions: Path, tmp_path: Path
 ) -> None:
@@ -124,13 +114,6 @@ def test_interrupted_study_keeps_what_is_done(
     monkeypatch.undo()
     assert [row['status'] for row in table_of(tmp_path)] == ['ok']
     assert len(list((tmp_path / 'rows').iterdir())) == 1
-
-
-def test_recordings_are_found_once_and_in_order(sessions: Path) -> None:
-    second = sessions / 'session_1'
-    found = found_recordings([second, sessions, second / 'session_1_0.mcap'])
-    names = [path.name for path in found]
-    assert names == ['session_1', 'session_0', 'session_2', 'session_3', 'session_1_0.mcap']
 
 
 def test_a_name_is_no_formula(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,7 +5,6 @@
 import json
 import re
 from pathlib import Path
-from urllib.parse import unquote
 
 import numpy as np
 import pytest
@@ -83,17 +82,6 @@ def test_identify_states_newton_metres(
     assert re.search(r'at 20 Hz +2\.\d+ N m \(|0\.0\d+ N m', said)
     assert not re.search(r'\d N[ ,](?!m)', said)
     assert 'force' not in said
-
-
-def test_the_page_shows_newton_metres(recording: Path, tmp_path: Path) -> None:
-    path = tmp_path / 'page.html'
-    main(['report', '--quiet', str(recording), '--out', str(path), *OPTIONS])
-    page = unquote(path.read_text(encoding='utf-8'))
-    for text in ('Steady torque at 100 % intensity', 'torque / N m', 'residual / N m', ' N m '):
-        assert text in page
-    for text in ('force / N', 'residual / N<'):
-        assert text not in page
-    assert '"quantity": "torque"' in page
 
 
 @pytest.mark.parametrize('kind', ['csv', 'mat'])

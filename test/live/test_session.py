@@ -8,7 +8,6 @@ import math
 import numpy as np
 import pytest
 
-from rpms_ros.identification.model.physiology import PHYSIOLOGY_NAMES
 from rpms_ros.live.force_course import BIN_NS, ModelledForce
 from rpms_ros.live.heard import LONGEST_TEXT, MOST_NAMES, Endpoint
 from rpms_ros.live.session import Cursor
@@ -121,36 +120,6 @@ def test_changes_rates_doubts_and_faults_are_there(session, make_estimate, start
     assert 'not learnt from' in view['doubts'][0][1]
     assert view['faults'][1] == ['of_somebody_else', 1, '']
     assert view['reasons'] == ['one intensity only']
-
-
-def test_quantities_have_words_and_units(session, make_estimate):
-    values = np.array([0.045, 0.008, 3.0, 2.5])
-    session.estimate(
-        make_estimate(
-            unit='N m',
-            physiology_names=PHYSIOLOGY_NAMES,
-            physiology=values,
-            physiology_lower=0.9 * values,
-            physiology_upper=1.1 * values,
-            doubts=('force_unexplained',),
-            faults={'force_out_of_bounds': 1},
-            rate_names=('of {somebody} else',),
-            rate=np.ones(1),
-        )
-    )
-    view = valid(session.frame(Cursor())[1])['estimate']
-    assert view['physiology'] == [
-        ['time constant T_a [ms]', 45.0, 40.5, 49.5],
-        ['delay of the model [ms]', 8.0, 7.2, 8.8],
-        ['order of the twitch', 3.0, 2.7, 3.3],
-        ['peak of the twitch [N m]', 2.5, 2.25, 2.75],
-    ]
-    assert view['rates'] == [['of {somebody} else', 1.0, None, None]]
-    assert view['doubts'][0][1].startswith('force samples far from their prediction')
-    # no marks of a document
-    assert view['faults'] == [
-        ['force_out_of_bounds', 1, 'force samples beyond largest_force, dropped']
-    ]
 
 
 def test_the_disturbance_is_a_course_of_its_own(session, make_estimate, start_ns):

@@ -64,13 +64,6 @@ def test_normalising_fixes_both_ends_and_keeps_the_shape(
     assert unit(intensity) == pytest.approx((value - low) / (high - low), rel=1e-10, abs=1e-12)
 
 
-def test_rate_recruitment_levels_off() -> None:
-    rate = RateRecruitment()
-    # f - (f - f_sat) (1 - 1/(pi gamma (f - f_sat))) = f_sat + 1/(pi gamma), next term of order 1/f
-    limit = rate.gain * (rate.saturation + 1.0 / (np.pi * rate.slope)) + rate.offset
-    assert rate(1e7) == pytest.approx(limit, abs=1e-5)
-
-
 def test_a_pulse_weighs_no_more_below_the_lowest_measured_rate() -> None:
     rates = np.array([0.0, 1e-9, 1.0, 14.999, 15.0])
     weights = RateRecruitment().per_pulse(rates)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, strategies as st
 from scipy.integrate import quad
 
-from rpms_ros.muscle import steady_mean, summed_twitches, twitch, twitch_area
+from rpms_ros.muscle import steady_mean, twitch, twitch_area
 
 time_constants = st.floats(5e-3, 0.2)
 orders = st.floats(1.0, 6.0)
@@ -42,13 +42,3 @@ def test_area_is_the_integral(time_constant: float, order: float) -> None:
     assert steady_mean(20.0, time_constant, order) == 20.0 * area
     # rounding
     assert twitch_area(time_constant) == pytest.approx(time_constant * math.e**2 / 2, rel=1e-14)
-
-
-@given(st.floats(1.0, 50.0), st.lists(st.floats(-0.5, 1.5), max_size=5))
-def test_a_sum_is_what_it_says(rate_hz: float, time: list[float]) -> None:
-    total = sum(
-        (twitch(np.array(time) - index / rate_hz, 0.04) for index in range(80)),
-        start=np.zeros(len(time)),
-    )
-    # Equal terms in equal order; the ones that have not begun are zero.
-    np.testing.assert_array_equal(summed_twitches(time, rate_hz, 0.04), total)

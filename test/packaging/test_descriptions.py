@@ -147,17 +147,6 @@ def test_every_import_is_a_declared_dependency() -> None:
     assert needed <= depends(package_xml(ROOT), 'depend', 'exec_depend')
 
 
-def test_what_launch_files_need_is_declared() -> None:
-    used = {'ros2launch'}
-    shared = ROOT / 'rpms_ros' / 'nodes' / 'common' / 'launching.py'
-    for path in (shared, *(ROOT / 'launch').glob('*.py')):
-        used |= set(re.findall(r'^ *(?:from|import) (\w+)', path.read_text(), re.MULTILINE))
-    used -= {'collections', 'pathlib', 'rpms_ros', 'typing'}
-    assert {'launch', 'launch_ros', 'ament_index_python'} <= used
-    keys = {ROSDEP.get(name, name) for name in used}
-    assert keys <= depends(package_xml(ROOT), 'exec_depend')
-
-
 def test_the_image_is_built_as_the_page_builds_a_workspace() -> None:
     readme, lines = (ROOT / 'README.md').read_text(), (ROOT / 'Dockerfile').read_text()
     steps = re.findall(r'^((?:rosdep install|colcon build) .*)$', readme, re.MULTILINE)

@@ -2,13 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """tools/skip_policy.py, run in pytests of its own."""
 
-import gc
 import os
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
@@ -52,21 +49,6 @@ def test_what_a_machine_lacks_may_be_skipped(tmp_path: Path, reason: str) -> Non
 def test_what_a_machine_lacks_fails_a_strict_run(tmp_path: Path, reason: str) -> None:
     result = run(tmp_path, SKIP.format(reason=reason), strict=True)
     assert result.returncode == pytest.ExitCode.TESTS_FAILED
-
-
-def test_an_expected_failure_is_no_skip(tmp_path: Path) -> None:
-    source = 'import pytest\n@pytest.mark.xfail\ndef test_a(): assert False\n'
-    assert run(tmp_path, source, strict=True).returncode == pytest.ExitCode.OK
-
-
-def test_a_page_that_is_skipped_without_a_browser_leaves_nothing_open(
-    beside: Callable[[str], ModuleType], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv('RPMS_BROWSER', '/nowhere/browser')
-    with pytest.raises(pytest.skip.Exception, match='RPMS_BROWSER: no browser of /nowhere'):
-        beside('devtools').Browser(tmp_path).__enter__()
-    # what is left open is a warning, and that an error
-    gc.collect()
 
 
 @pytest.mark.parametrize(('target', 'left_out'), [('test', True), ('test-all', False)])

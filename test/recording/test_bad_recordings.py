@@ -140,27 +140,6 @@ def test_killed_writer_leaves_what_it_flushed(tmp_path: Path, storage: str) -> N
     assert {file.name: file.read_bytes() for file in path.iterdir()} == before
 
 
-def test_hot_rollback_journal(session: Session, tmp_path: Path) -> None:
-    path = tmp_path / 'bag'
-    write_recording(path, *session, storage='sqlite3')
-    hot = tmp_path / 'hot'
-    hot.mkdir()
-    file = storage_file(path)
-    connection = sqlite3.connect(file)
-    connection.execute('PRAGMA cache_size = 1')
-    connection.execute('BEGIN')
-    connection.execute('UPDATE messages SET data = zeroblob(72)')
-    journal = file.with_name(file.name + '-journal')
-    assert journal.stat().st_size > 0
-    for part in (file, journal):
-        shutil.copyfile(part, hot / part.name)
-    connection.rollback()
-    connection.close()
-    recording = read_recording(hot)
-    assert recording.forces.force.tolist() == session[1].force.tolist()
-    assert recording.facts.faults == {'missing_metadata': 1, 'hot_journal': 1}
-
-
 @pytest.mark.parametrize(
     'text', ['', '[', 'a: b', 'rosbag2_bagfile_information: 3', '\x00', '- - :']
 )

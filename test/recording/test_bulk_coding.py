@@ -90,21 +90,6 @@ def test_what_rosbags_refuses_is_left_out(drawn: list[Any]) -> None:
         assert columns.number['sequence'][index] == slow.sequence
 
 
-def test_a_message_with_sequences_is_decoded_one_by_one() -> None:
-    kind = 'sensor_msgs/msg/JointState'
-    types = STORE.types
-    time = types['builtin_interfaces/msg/Time'](5, 6)
-    empty = np.empty(0)
-    message = types[kind](
-        types['std_msgs/msg/Header'](time, 'leg'), ['knee'], np.array([1.5]), empty, empty
-    )
-    raw = bytes(STORE.serialize_cdr(message, kind))
-    columns = decoder_of(kind, STAMP).decode(records_of([raw, raw[:7]]))
-    assert columns.good.tolist() == [True, False]
-    assert columns.strings == {'leg'}
-    assert columns.number[STAMP[1]][0] == 6
-
-
 def test_the_layout_follows_the_definition_in_the_recording() -> None:
     text = 'float32 width\nfloat64 intensity\nstring note\nuint8 flag\n'
     decoder = Decoder(Channel('/topic', 'lab/msg/Pulse', text), ('intensity', 'width', 'flag'))

@@ -89,13 +89,6 @@ def test_the_unit_can_be_decided(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found.pulses.onset_ns, found.forces.stamp_ns[PLACES])
 
 
-def test_times_beyond_the_force_are_not_guessed(tmp_path: Path) -> None:
-    content = {'force': FORCE, 'time': TIME + 7.0, 'stim_times': 0.5 * ONSETS}
-    with pytest.raises(Ambiguous, match=r'expected times of pulses from 7 to 10\.999 s, as those'):
-        imported(tmp_path / 'a.mat', content)
-    assert len(imported(tmp_path / 'a.mat', content, pulse_unit='s').pulses) == len(ONSETS)
-
-
 @pytest.mark.long
 @pytest.mark.parametrize(
     ('content', 'options', 'message'),

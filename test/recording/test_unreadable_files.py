@@ -107,15 +107,6 @@ def test_a_row_of_units_below_the_titles_counts(tmp_path: Path) -> None:
     assert ('pulses', "'Trigger'") in found.facts
 
 
-def test_a_row_without_a_time_is_named(tmp_path: Path) -> None:
-    head = 'Interval=\t0.001 s\nTimeFormat=\tStartOfBlock\nChannelTitle=\tForce\tStim\n'
-    rows = [f'{at / 1000 if at != 5 else "NaN"}\t1.0\t{5 * (at % 50 == 10)}' for at in range(200)]
-    path = tmp_path / 'labchart.txt'
-    path.write_text(head + '\n'.join(rows), encoding='utf-8')
-    with pytest.raises(RecordingError, match=r"column 'Force' of .*, got none in row 6"):
-        import_file(path, ImportOptions())
-
-
 def test_a_workbook_of_the_old_format_is_told_what_to_become(tmp_path: Path) -> None:
     path = tmp_path / 'leg.xls'
     path.write_bytes(bytes.fromhex('d0cf11e0a1b11ae1') + bytes(504))

@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The truth of a simulated recording: from its topic, from its notes, and never from nonsense."""
 
-import json
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
@@ -16,7 +15,7 @@ from rpms_ros.muscle.contraction import MuscleState
 from rpms_ros.muscle.simulation import Truth
 from rpms_ros.recording import read_recording
 from rpms_ros.report.course import course_of
-from rpms_ros.report.known_muscle import known_muscle, of_subject, of_truths
+from rpms_ros.report.known_muscle import of_subject, of_truths
 from rpms_ros.report.recorded import true_muscle
 
 POINTS = np.linspace(0.0, 1.0, 41)
@@ -67,19 +66,6 @@ def test_a_muscle_at_rest_has_its_own_response() -> None:
     sharpness = muscle.parameter('alpha_thr', np.zeros(2, dtype=np.int64))
     assert sharpness is not None
     assert sharpness.tolist() == [6.0, 6.0]
-
-
-@pytest.mark.parametrize(
-    'note',
-    [
-        'P07', '[]', 'null', '{}', '{"recruitment": 3}',
-        json.dumps(asdict(simulation_subject()) | {'order': 10**9}),
-        json.dumps(asdict(simulation_subject()) | {'time_constant': 'slow'}),
-        json.dumps(asdict(simulation_subject()) | {'maximum_force': 1e400}),
-    ],
-)  # fmt: skip
-def test_a_note_that_is_no_muscle_is_no_truth(note: str) -> None:
-    assert known_muscle([], {'subject': note}, 20.0) is None
 
 
 def test_a_simulator_that_starts_anew_is_read_once() -> None:

@@ -16,14 +16,13 @@ from urllib.parse import unquote
 
 import numpy as np
 import pytest
-from matplotlib.colors import to_rgb
 from matplotlib.image import imread
 
 from rpms_ros.identification import IdentifiedSession
 from rpms_ros.muscle import twitch
 from rpms_ros.pulses import ForceTrace, PulseTrain
 from rpms_ros.recording import write_recording
-from rpms_ros.report.figures import FIGURES, as_svg, draw, write_figures
+from rpms_ros.report.figures import FIGURES, write_figures
 from rpms_ros.report.page import SECTIONS, as_page, embedded
 from rpms_ros.report.session import SessionReport
 
@@ -151,19 +150,6 @@ def test_figures_are_written_as_pixels_and_vectors(tmp_path: Path, report: Sessi
             assert '<svg' in path.read_text()
 
 
-@pytest.mark.parametrize('name', FIGURES)
-def test_a_copy_in_black_and_white_loses_nothing(name: str, report: SessionReport) -> None:
-    for axes in draw(name, report).axes:
-        looks = set()
-        for line in axes.lines:
-            red, green, blue = to_rgb(line.get_color())
-            assert red == green == blue
-            if not line.get_label().startswith('_'):
-                looks.add((round(red, 1), line.get_linestyle(), line.get_linewidth()))
-        labelled = [line for line in axes.lines if not line.get_label().startswith('_')]
-        assert len(looks) == len(labelled)
-
-
 def test_one_intensity_is_said_and_not_drawn(
     tmp_path: Path,
     make_recording: Callable[..., Path],
@@ -242,18 +228,6 @@ def test_trains_of_one_intensity_have_a_report_of_their_own(trains_page: str) ->
     twitch_peak = embedded(trains_page, 'report')['twitch']['peak_force']
     # 2 N at the time grid of the response, 5 ms beside a maximum that is flat over 5 ms
     assert twitch_peak == pytest.approx(2.0, abs=0.02)
-
-
-def test_no_figure_has_letters_too_small_for_a_phone(report: SessionReport) -> None:
-    """Shown 360 px wide; those of a figure of 11 inches had 4 px."""
-    for name in FIGURES:
-        svg = as_svg(name, report).decode()
-        width = float(re.search(r'<svg [^>]*viewBox="0 0 ([0-9.]+) ', svg, re.DOTALL)[1])
-        sizes = [
-            float(size) for size in re.findall(r'font(?:-size)?: (?:[a-z]+ )?([0-9.]+)px', svg)
-        ]
-        assert sizes
-        assert 360 / width * min(sizes) >= 8.0, name
 
 
 def test_one_estimate_of_all_has_no_time_courses(

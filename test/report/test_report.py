@@ -18,20 +18,17 @@ from rpms_ros.identification.catalogue import ESTIMATORS, estimator_by_name
 from rpms_ros.identification.quality.verdict import Verdict
 from rpms_ros.pulses import ForceTrace, PulseTrain
 from rpms_ros.recording import read_recording, write_recording
-from rpms_ros.report import course, page as pages
-from rpms_ros.report.dose import dose_of, load_of
+from rpms_ros.report import page as pages
+from rpms_ros.report.dose import dose_of
 from rpms_ros.report.figures import draw
 from rpms_ros.report.page import as_page
 from rpms_ros.report.residuals import FrozenFrom, boundary
 from rpms_ros.report.session import (
-    ITEMS,
-    ITEMS_OF_THE_CONSENSUS,
     SessionReport,
     checklist_of,
     headline_of,
 )
 from rpms_ros.schema import plain
-from rpms_ros.stimulation.limits.device_specification import load_device_specification
 
 WithSession = Callable[[SessionReport, IdentifiedSession], SessionReport]
 START_NS = 1_700_000_000_000_000_000
@@ -90,27 +87,6 @@ def test_trains_rates_and_energy_are_those_of_the_pulses() -> None:
     assert found.full_intensity_pulses == pytest.approx(3.5)
 
 
-def test_without_pulses_there_is_no_train() -> None:
-    found = dose_of(PulseTrain.regular([], 20.0), START_NS)
-    assert (found.pulses, found.trains, found.rate_hz) == (0, 0, None)
-    assert load_of(found, load_device_specification('rapid2-240v')).highest_power_w == 0.0
-
-
-def test_the_load_is_what_the_profile_says() -> None:
-    specification = load_device_specification('rapid2-240v')
-    dose = dose_of(PulseTrain.regular(np.ones(20), 20.0), 0)
-    load = load_of(dose, specification)
-    assert load.energy_j == pytest.approx(20 * specification.limits.pulse_energy_j)
-    assert load.highest_power_w == pytest.approx(load.energy_j / load.window_s)
-    assert specification.thermal is not None
-    assert load.highest_temperature_celsius is not None
-    rise = specification.thermal.coil_share * load.energy_j / specification.thermal.heat_capacity
-    # one second of cooling takes less than a hundredth of it away
-    assert load.highest_temperature_celsius - specification.thermal.ambient == pytest.approx(
-        rise, rel=0.01
-    )
-
-
 def test_the_checklist_takes_the_best_that_is_known() -> None:
     dose = dose_of(PulseTrain.regular(np.full(40, 0.6), 20.0), 0)
     notes = {'coil_type': ' round ', 'age': '40', 'number_of_pulses': ''}
@@ -126,12 +102,6 @@ def test_the_checklist_takes_the_best_that_is_known() -> None:
         '1 train at 20 Hz (median), 1.95 s within trains, intensity 60 %'
     )
     assert entries['sex'].value is entries['sex'].origin is None
-
-
-def test_no_more_items_are_named_than_the_consensus_has() -> None:
-    for part, total in ITEMS_OF_THE_CONSENSUS.items():
-        assert 0 < sum(item.part == part for item in ITEMS) <= total
-    assert len({item.key for item in ITEMS}) == len(ITEMS)
 
 
 def test_an_unknown_item_is_refused() -> None:
@@ -207,17 +177,6 @@ def test_traces_leave_room_for_the_rest_of_a_page(report: SessionReport, count: 
     )
     # of the 1.5 MB of a page
     assert len(json.dumps(pages.force_traces(session))) < 850_000
-
-
-def test_of_many_estimates_first_and_last_are_shown(
-    report: SessionReport, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    count = len(report.course.estimates)
-    assert report.course.shown.tolist() == list(range(count))
-    monkeypatch.setattr(course, 'MOST_SHOWN', 10)
-    shown = course.course_of(report.identified).shown
-    assert len(set(shown.tolist())) == 10
-    assert (shown[0], shown[-1]) == (0, count - 1)
 
 
 def test_a_dead_force_still_gives_a_report(
@@ -330,12 +289,6 @@ def test_the_first_screen_has_no_numbers_that_must_not_be_used(report: SessionRe
     assert 'The numbers are not shown here: the verdict is no.' in first
     for absent in ('Steady force at', 'Threshold', 'Error of prediction'):
         assert absent not in first
-
-
-def test_a_clock_without_a_date_is_not_taken_for_1970(report: SessionReport) -> None:
-    page = as_page(replace(report, session={**report.session, 'start_ns': 500_000_000}))
-    assert '1970-01-01' not in page
-    assert 'not known: the stamps begin at 0.5 s' in page
 
 
 def test_errors_are_newtons_and_shares_of_the_range(report: SessionReport, page: str) -> None:

@@ -41,14 +41,6 @@ def test_a_coloured_residual_is_found() -> None:
     assert found.autocorrelation[1] == pytest.approx(0.4, abs=0.05)
 
 
-def test_the_band_of_the_cross_correlation_knows_that_the_residual_is_coloured() -> None:
-    smooth = np.convolve(noise(2), np.ones(30), mode='same')
-    found = analyse_residuals(STAMPS, smooth, PULSES)
-    # wider than for white noise would call five lags in ten significant; 20 % leaves room for
-    # the lags, which are no longer independent of each other
-    assert found.cross_correlation_outside < 0.2
-
-
 def test_muscle_that_the_model_lacks_shows_after_its_delay() -> None:
     echo = np.zeros(SAMPLES)
     index = np.searchsorted(STAMPS, PULSES.onset_ns) + 40

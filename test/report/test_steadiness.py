@@ -33,15 +33,6 @@ def test_a_steady_muscle_stayed_the_same_within_what_the_intervals_allow(
     assert 'within 3 %' in told(made_up, wandering, 0.05)
 
 
-def test_a_change_that_intervals_hide_is_not_called_the_same(made_up: ModuleType) -> None:
-    assert told(made_up, np.full(COUNT, 10.0), 2.0).startswith('The intervals are too wide')
-    wandering = 10.0 + 1.5 * np.sin(np.linspace(0.0, 9.4, COUNT)) ** 2
-    wandering[-1] = wandering[15]
-    assert told(made_up, wandering, 0.2).startswith(
-        'No lasting change was found; one of less than 1'
-    )
-
-
 def test_a_force_that_falls_is_told_with_its_interval(made_up: ModuleType) -> None:
     forces = np.full(COUNT, 10.0)
     forces[15:] = np.linspace(10.0, 7.7, COUNT - 15)
