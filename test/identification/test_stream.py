@@ -125,14 +125,31 @@ def test_cuts_and_order_of_arrival_change_no_bit(record, cuts, random, pulse_loo
     assert_same(pieces, whole)
 
 
-@pytest.mark.parametrize('build', [ModifiedRecursiveLM, BatchEstimator])
-@pytest.mark.parametrize('size', [1, 170])
+@pytest.mark.parametrize(
+    ('build', 'size', 'step'),
+    [
+        (ModifiedRecursiveLM, 1, 1),
+        (ModifiedRecursiveLM, 170, 1),
+        (BatchEstimator, 1, 1),
+        # a slow sensor for 40 s: its cells are examined in long blocks from 20 s on
+        (BatchEstimator, 1, 20),
+        (BatchEstimator, 333, 20),
+    ],
+)
 def test_short_blocks_give_the_estimates_of_one_block(
-    record, build: Callable[[], Estimator], size: int
+    record, build: Callable[[], Estimator], size: int, step: int
 ) -> None:
-    pulses, forces = spoiled(record)
+    if step == 1:
+        pulses, forces = spoiled(record)
+    else:
+        pulses, forces = record(uniform(800), START_NS + 730 * MILLISECOND)
+        forces = ForceTrace(forces.stamp_ns[::step], forces.force[::step])
+        # outliers before and in long blocks
+        forces.force[[600, 1333, 1777]] += 9.0
+        pulses = pulses[np.delete(np.arange(800), [300, 600])]
     whole = Run(estimator=build()).feed(forces, pulses)
-    whole.finish()
+    found = whole.finish()
+    assert step == 1 or found.faults['force_outlier'] == 3
     single = Run(estimator=build())
     single.stream.add_pulses(pulses)
     for index in range(0, 2000, size):
