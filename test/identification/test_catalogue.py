@@ -7,7 +7,6 @@ import pytest
 
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.catalogue import (
-    ESTIMATORS,
     EstimatorOptions,
     estimator_by_name,
     estimator_names,
@@ -97,11 +96,6 @@ def test_an_estimator_from_outside_of_the_package_runs_a_session(install):
     assert session.last.repetition_rate == 25.0
     assert session.last.linear[0] == 3.0
     assert len(session.prediction) == 2000
-
-
-@pytest.mark.parametrize('name', ESTIMATORS)
-def test_the_package_makes_what_it_names(name):
-    assert estimator_by_name(name).name == name
 
 
 def test_other_names_are_refused():

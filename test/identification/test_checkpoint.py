@@ -158,6 +158,7 @@ def test_other_settings_are_refused_by_name(saved) -> None:
 
 def test_another_estimator_is_refused(saved) -> None:
     refused(saved, fresh('recursive'), 'of the estimator recursive, got .tracking.')
+    assert stat.S_IMODE(saved.stat().st_mode) == 0o600
 
 
 def test_other_versions_are_refused(saved) -> None:
@@ -176,7 +177,7 @@ def test_every_cut_is_refused(saved) -> None:
 
 def test_every_flip_is_refused(saved) -> None:
     whole = saved.read_bytes()
-    places = np.random.default_rng(5).integers(0, len(whole), 60).tolist()
+    places = np.random.default_rng(5).integers(0, len(whole), 12).tolist()
     for place in [*range(0, 100, 7), *places]:
         flipped = bytearray(whole)
         flipped[place] ^= 1 << (place % 8)
@@ -220,6 +221,10 @@ def swapped(document, _):
     fit['theta'], fit['linear'] = fit['linear'], fit['theta']
 
 
+def huge(document, _):
+    document['stream_state']['_acting_ns'] = {'$array': ['<i8', [999999999999], 0]}
+
+
 def deep(document, _):
     inner: list = []
     for _level in range(60):
@@ -236,19 +241,12 @@ def missing(document, _):
 
 
 @pytest.mark.parametrize(
-    'change', [set_size, wrong_type, wrong_name, wrong_place, swapped, deep, cut_arrays, missing]
+    'change',
+    [set_size, wrong_type, wrong_name, wrong_place, swapped, huge, deep, cut_arrays, missing],
 )
 def test_forged_states_are_refused(saved, change) -> None:
     resigned(saved, change)
     refused(saved, fresh('tracking'), 'expected|saved')
-
-
-def test_arrays_that_claim_to_be_huge_are_refused(saved) -> None:
-    def claim(document, _):
-        document['stream_state']['_acting_ns'] = {'$array': ['<i8', [999999999999], 0]}
-
-    resigned(saved, claim)
-    refused(saved, fresh('tracking'), 'expected a saved state in')
 
 
 def test_a_failed_write_leaves_the_old_file(saved, monkeypatch) -> None:
@@ -301,7 +299,3 @@ def test_a_monitor_says_what_it_remembers() -> None:
     other = Mindful()
     other.restore({'count': 3})
     assert other.count == 3
-
-
-def test_only_the_owner_reads_a_state(saved) -> None:
-    assert stat.S_IMODE(saved.stat().st_mode) == 0o600

@@ -7,7 +7,6 @@ import pytest
 
 from rpms_ros.identification import (
     CURVE_INTENSITY,
-    IdentificationStream,
     estimator_by_name,
     identify,
 )
@@ -42,23 +41,3 @@ def test_the_curve_is_that_of_the_muscle(cut: tuple[PulseTrain, ForceTrace], nam
     assert found.last.faults == {'samples_excluded': pytest.approx(excluded, abs=2)}
     assert found.last.doubts == ()
     assert verdict_of(found, *cut).grade == 'good'
-
-
-@pytest.mark.parametrize('size', [1, 37, 250])
-def test_it_does_not_matter_how_the_stream_is_cut(
-    cut: tuple[PulseTrain, ForceTrace], size: int
-) -> None:
-    pulses, forces = cut[0], ForceTrace(cut[1].stamp_ns[:3000], cut[1].force[:3000])
-    whole = identify(estimator_by_name('recursive'), pulses, forces).last
-    stream = IdentificationStream(estimator_by_name('recursive'))
-    last = 0
-    for first in range(0, len(forces), size):
-        part = slice(first, first + size)
-        stamps = forces.stamp_ns[part]
-        stream.add_pulses(pulses[(pulses.onset_ns > last) & (pulses.onset_ns <= stamps[-1])])
-        stream.add_forces(ForceTrace(stamps, forces.force[part]))
-        stream.advance()
-        last = int(stamps[-1])
-    found = stream.finish()[-1]
-    assert found.faults == whole.faults
-    assert found.curve_force.tobytes() == whole.curve_force.tobytes()

@@ -30,16 +30,6 @@ def bump(force) -> None:
 
 
 @pytest.mark.parametrize('name', NAMES)
-def test_a_short_bump_is_set_aside_and_counted(record, name) -> None:
-    found = session(record, name, bump)
-    expected = np.zeros(8000, dtype=np.bool_)
-    expected[6010:6026] = True
-    assert (~found.usable == expected).all()
-    assert found.last.faults == {'force_outlier': 16, 'samples_excluded': 16}
-    assert found.last.doubts == ()
-
-
-@pytest.mark.parametrize('name', NAMES)
 def test_one_sample_of_a_slow_sensor_is_set_aside(record, name) -> None:
     def one(force) -> None:
         force[6000] += 4.0

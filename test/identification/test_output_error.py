@@ -36,15 +36,6 @@ def test_what_is_wrong_before_settling_does_not_count(seconds: int, settled: int
     assert output_error(stamp, force, prediction, usable).newton == pytest.approx(0.1)
 
 
-def test_what_is_wrong_in_the_middle_counts() -> None:
-    stamp, force, usable = session(40)
-    prediction = force.copy()
-    prediction[20_000:21_000] += 1.0
-    assert output_error(stamp, force, prediction, usable).newton == pytest.approx(
-        math.sqrt(1 / 30), rel=1e-6
-    )
-
-
 def test_samples_that_are_not_usable_do_not_count() -> None:
     stamp, force, usable = session(40)
     prediction = force.copy()

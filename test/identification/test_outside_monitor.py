@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from rpms_ros.errors import IdentificationError
-from rpms_ros.identification import BatchEstimator, ModifiedRecursiveLM, StreamSettings, identify
-from rpms_ros.identification.stream.sensor_checks import MONITORS, monitors_by_name
+from rpms_ros.identification import ModifiedRecursiveLM, StreamSettings, identify
+from rpms_ros.identification.stream.sensor_checks import monitors_by_name
 
 MODULE = '''
 """Names force below zero, which no muscle on this rig gives."""
@@ -84,14 +84,6 @@ def test_a_monitor_of_another_package_examines_and_hears_everything(record) -> N
 
 
 @pytest.mark.usefixtures('package')
-def test_the_batch_passes_on_what_a_monitor_of_another_package_counts(record) -> None:
-    pulses, forces = record(np.random.default_rng(7).uniform(size=60))
-    forces.force[2000:2400] = -6.0
-    session = identify(BatchEstimator(), pulses, forces, StreamSettings(monitors=('push',)))
-    assert session.last.faults == {'push': 400, 'samples_excluded': 400}
-
-
-@pytest.mark.usefixtures('package')
 def test_a_monitor_that_fails_is_taken_out_and_named(record) -> None:
     pulses, forces = record(np.random.default_rng(7).uniform(size=20))
     chosen = StreamSettings(monitors=('careless', 'spikes'))
@@ -106,7 +98,3 @@ def test_what_is_no_monitor_is_refused() -> None:
         monitors_by_name(['none'])
     with pytest.raises(IdentificationError, match=r'expected monitors of .*push.*, got .pish.'):
         monitors_by_name(['pish'])
-
-
-def test_those_of_this_package_are_the_default() -> None:
-    assert len(monitors_by_name(StreamSettings().monitors)) == len(MONITORS)

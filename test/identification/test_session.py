@@ -15,7 +15,6 @@ from rpms_ros.errors import IdentificationError
 from rpms_ros.identification import (
     BatchEstimator,
     Estimate,
-    IdentifiedSession,
     ModifiedRecursiveLM,
     StreamSettings,
     identify,
@@ -29,22 +28,6 @@ def joined(first: ForceTrace, second: ForceTrace) -> ForceTrace:
     return ForceTrace(
         np.concatenate((first.stamp_ns, second.stamp_ns)),
         np.concatenate((first.force, second.force)),
-    )
-
-
-def test_a_recording_gives_estimates_and_traces(record) -> None:
-    pulses, forces = record(np.random.default_rng(7).uniform(size=240))
-    taken: list[int] = []
-    session = identify(ModifiedRecursiveLM(), pulses, forces, progress=taken.append)
-    assert sum(taken) == len(forces) == len(session.prediction)
-    assert session.usable.all()
-    assert session.last is session.estimates[-1]
-    assert session.last.samples == 11_999
-    # Twelve seconds: the second half counts.
-    expected = np.sqrt(np.mean((session.force - session.prediction)[6000:] ** 2))
-    assert session.output_error.newton == pytest.approx(expected, rel=1e-3)
-    assert session.output_error.of_range == pytest.approx(
-        expected / np.ptp(session.force), rel=1e-3
     )
 
 
@@ -108,13 +91,6 @@ def test_the_batch_from_python_fits_once_for_the_whole_recording(
     # not ten a second, which would take as long as the recording is squared
     assert made == [int(forces.stamp_ns[-1])]
     assert len(session.estimates) == 1
-
-
-def test_no_force_has_no_relative_error() -> None:
-    zero = np.zeros(10)
-    session = IdentifiedSession([], np.arange(10), zero, zero + 1.0, np.ones(10, dtype=np.bool_))
-    assert session.output_error.newton == 1.0
-    assert math.isnan(session.output_error.of_range)
 
 
 @pytest.mark.long

@@ -132,8 +132,7 @@ def test_cuts_and_order_of_arrival_change_no_bit(record, cuts, random, pulse_loo
         (ModifiedRecursiveLM, 170, 1),
         (BatchEstimator, 1, 1),
         # a slow sensor for 40 s: its cells are examined in long blocks from 20 s on
-        (BatchEstimator, 1, 20),
-        (BatchEstimator, 333, 20),
+        (BatchEstimator, 37, 20),
     ],
 )
 def test_short_blocks_give_the_estimates_of_one_block(
@@ -147,10 +146,11 @@ def test_short_blocks_give_the_estimates_of_one_block(
         # outliers before and in long blocks
         forces.force[[600, 1333, 1777]] += 9.0
         pulses = pulses[np.delete(np.arange(800), [300, 600])]
-    whole = Run(estimator=build()).feed(forces, pulses)
+    seldom = StreamSettings(estimate_period=0.1 * step)
+    whole = Run(seldom, build()).feed(forces, pulses)
     found = whole.finish()
     assert step == 1 or found.faults['force_outlier'] == 3
-    single = Run(estimator=build())
+    single = Run(seldom, build())
     single.stream.add_pulses(pulses)
     for index in range(0, 2000, size):
         single.feed(part(forces, index, min(index + size, 2000)))

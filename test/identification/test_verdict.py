@@ -20,13 +20,11 @@ from rpms_ros.identification import (
 from rpms_ros.identification.quality.explained_force import (
     simulated_fit,
     simulated_force,
-    white_noise,
 )
 from rpms_ros.identification.quality.verdict import (
     Verdict,
     VerdictSettings,
     doublings,
-    of_reasons,
     period_of_estimates,
     verdict_of,
 )
@@ -175,15 +173,12 @@ def test_what_an_estimator_that_follows_has_named_is_no_doubt(trial: Trial) -> N
     assert 'force_unexplained' in verdict(follows, other + tensed(other)).line
 
 
-def test_time_in_milliseconds_is_not_good(trial: Trial) -> None:
+def test_time_in_another_unit_is_not_good(trial: Trial) -> None:
     verdict = judged(in_milliseconds(trial))
     assert verdict.grade == 'no'
     assert verdict.reasons[0].startswith(
         'the force has 1 samples a second, a twitch needs 100: is the time in another unit'
     )
-
-
-def test_time_in_thousandths_is_not_good(trial: Trial) -> None:
     pulses, forces = trial
     short = replace(pulses, onset_ns=pulses.onset_ns // 1000)
     verdict = judged((short, ForceTrace(forces.stamp_ns // 1000, forces.force)))
@@ -243,12 +238,6 @@ def test_a_good_verdict_on_one_intensity_is_one_on_the_dynamics(count: int) -> N
     )
 
 
-def test_the_most_serious_reason_decides_and_comes_first() -> None:
-    verdict = of_reasons([('doubtful', 'a'), ('no', 'b'), ('doubtful', 'c')], 'well')
-    assert verdict == Verdict(grade='no', reasons=('b', 'a', 'c'))
-    assert of_reasons([], 'well') == Verdict(grade='good', reasons=('well',))
-
-
 def test_the_estimates_that_are_needed_are_among_those_of_any_finer_grid() -> None:
     assert [doublings(value) for value in (0.0, 1.0, 1.1, 2.0, 9.0)] == [1, 1, 2, 2, 16]
     for duration in (0.0, 0.5, 3.0, 40.0, 3600.0):
@@ -271,12 +260,3 @@ def test_the_simulated_force_is_that_of_the_estimated_muscle(trial: Trial) -> No
     assert simulated_fit(last, pulses, forces.stamp_ns, 2 * forces.force).gain == pytest.approx(
         2.0, abs=0.02
     )
-
-
-def test_white_noise_is_told_from_a_smooth_force() -> None:
-    time = np.arange(5000) / 1000
-    noise = np.random.default_rng(5).normal(0.0, 0.03, len(time))
-    # the median of 5000 second differences scatters by about 2 %
-    assert white_noise(np.sin(6.0 * time) + noise) == pytest.approx(0.03, rel=0.1)
-    assert white_noise(np.sin(6.0 * time)) < 1e-4
-    assert white_noise(np.zeros(2)) == 0.0

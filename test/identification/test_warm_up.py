@@ -6,11 +6,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from rpms_ros.identification import Estimator, estimator_by_name
-from rpms_ros.identification.warm_up import made_up_session, warm_up
+from rpms_ros.identification.warm_up import warm_up
 
 # What Python calls has a signature when it has been compiled, or loaded from the cache.
 PROGRAM = """
@@ -84,12 +83,3 @@ def test_what_is_slow_is_done_once_on_a_machine(
     assert len(built) == 5
     # before it, and only where something is compiled
     assert told == [1, 4]
-
-
-def test_the_made_up_muscle_pulls_and_changes() -> None:
-    pulses, forces = made_up_session(26.0)
-    assert len(pulses) == 520
-    begin, end = forces.force[:3900], forces.force[3900:]
-    assert begin.min() > -0.1
-    # a change of 30 % of what is random anew in every pulse
-    assert np.mean(end) / np.mean(begin) == pytest.approx(0.7, abs=0.1)

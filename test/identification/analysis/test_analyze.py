@@ -13,7 +13,7 @@ from rpms_ros.identification.analysis.twitch_fits import CONSTANT, ONSET
 from rpms_ros.muscle import average_subject
 from rpms_ros.muscle.simulation import simulated_force
 from rpms_ros.pulses import ForceTrace, PulseTrain
-from rpms_ros.stimulation.schedule.protocols import recruitment, trains, twitches
+from rpms_ros.stimulation.schedule.protocols import recruitment, trains
 
 SUBJECT = average_subject()
 
@@ -101,14 +101,6 @@ def test_no_artifact():
     assert len(found.twitches.fits) == 12
 
 
-def test_one_twitch_only():
-    pulses = singles(1)
-    found = analyze(pulses, force_of(pulses))
-    assert sentence(found, 'one twitch only: no spread can be given')
-    assert np.isnan(found.twitches.time_constant_spread)
-    assert found.twitches.time_constant == pytest.approx(SUBJECT.time_constant, rel=0.02)
-
-
 def test_a_saturated_sensor_leaves_the_weaker_twitches():
     pulses = singles()
     clean_force = force_of(pulses, artifact=0.0)
@@ -189,12 +181,6 @@ def test_force_that_is_missing_costs_only_its_twitch(first_ns, last_ns, reason):
     assert len(found.twitches.fits) == 11
 
 
-def test_pulses_outside_the_force_are_left_out():
-    found = kept(6_600_000_000, 20_000_000_000)
-    assert sentence(found, '6 of 12 pulses lie outside the span of the force')
-    assert len(found.twitches.fits) == 6
-
-
 def test_pulses_without_an_answer():
     pulses = singles()
     silent = replace(pulses, intensity=np.zeros(12))
@@ -249,10 +235,3 @@ def test_order_of_samples_and_pulses_does_not_matter(twitch_session):
 def test_settings_that_cannot_be(name, value, message):
     with pytest.raises(IdentificationError, match=message):
         AnalysisSettings(**{name: value})
-
-
-def test_protocol_of_twitches_is_analysed_whole():
-    schedule = twitches(intensities=(0.6, 1.0), repetitions=2)
-    pulses = schedule.pulses()
-    found = analyze(pulses, simulated_force(SUBJECT, pulses, schedule.length_s))
-    assert [row.count for row in found.twitches.latency.rows] == [2, 2]

@@ -4,15 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
 
 from rpms_ros.errors import IdentificationError
-from rpms_ros.identification.analysis import recruitment_field
 from rpms_ros.identification.analysis.recruitment_field import (
     SteadyPoint,
     fit_field,
-    rising,
-    rising_product,
 )
 from rpms_ros.muscle import average_subject, random_subject
 
@@ -37,34 +33,6 @@ def worst_error(found, subject):
     return np.abs(found.recruitment(u, f) * found.maximum_force.value - true).max() / true.max()
 
 
-@given(values=st.lists(st.floats(-100, 100), min_size=1, max_size=30))
-def test_monotone_regression_rises_keeps_the_mean_and_what_rises_already(values):
-    ones = np.ones(len(values))
-    fitted = rising(np.array(values), ones)
-    assert (np.diff(fitted) >= 0).all()
-    assert fitted.mean() == pytest.approx(np.mean(values), abs=1e-9)
-    ascending = np.sort(values)
-    assert np.allclose(rising(ascending, ones), ascending)
-    assert rising(np.array([3.0, 0.0]), np.array([2.0, 1.0])).tolist() == [2.0, 2.0]
-
-
-def test_a_product_of_rising_factors_is_found():
-    row, column = (axis.ravel() for axis in np.meshgrid(LEVELS, RATES, indexing='ij'))
-    rows, share, columns, other = rising_product(row, column, row**2 * column)
-    assert np.allclose(share, rows**2, atol=1e-6)
-    assert np.allclose(other, columns, rtol=1e-6)
-
-
-def test_the_model_is_the_field_of_the_muscle():
-    u, f = np.meshgrid(LEVELS, RATES)
-    force = recruitment_field.field_force(recruitment_field.CENTRE, u, f)
-    assert np.allclose(recruitment_field.as_recruitment(recruitment_field.CENTRE)(u, f), force)
-    at_reference = recruitment_field.field_force(
-        recruitment_field.CENTRE, np.array([0.0, 1.0]), np.full(2, 20.0)
-    )
-    assert at_reference == pytest.approx([0, 1])
-
-
 def test_table_3_is_found_in_its_own_field():
     found = fit_field(points(average_subject()))
     assert worst_error(found, average_subject()) < 1e-3
@@ -82,13 +50,6 @@ def test_subjects_are_found_within_two_per_cent_of_the_maximum(seed):
     found = fit_field(points(subject, 5e-3 * top, seed=seed))
     assert worst_error(found, subject) < 0.02
     assert found.residual == pytest.approx(5e-3, rel=0.3)
-
-
-def test_the_force_at_full_intensity_is_that_of_the_field():
-    """The offset of the curve has a part in it."""
-    subject = average_subject()
-    found = fit_field(points(subject)).maximum_force
-    assert found.value == pytest.approx(float(subject.steady_force(1.0, 20.0)), rel=2e-5)
 
 
 @pytest.mark.parametrize(('noise', 'deviation'), [(0.02, 0.0), (0.01, 0.03)])

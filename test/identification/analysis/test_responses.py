@@ -12,8 +12,6 @@ from rpms_ros.identification.analysis.responses import (
     clean,
     find_artifacts,
     groups_of,
-    in_order,
-    near_pulses,
     without_artifacts,
 )
 from rpms_ros.muscle import average_subject
@@ -31,14 +29,6 @@ def trace(force):
 
 def noise(count, size=1.0):
     return size * np.random.default_rng(0).standard_normal(count)
-
-
-def test_white_noise_is_measured_under_a_slow_force_and_artifacts():
-    time = np.arange(20_000) * 1e-3
-    force = 10 * np.sin(2 * np.pi * time) + noise(len(time), 0.2)
-    force[::50] += 100.0
-    # one artifact in 50 samples touches 8 % of the third differences: the median moves by 10 %
-    assert clean(trace(force)).noise == pytest.approx(0.2, rel=0.15)
 
 
 def test_samples_come_in_order_and_once():
@@ -137,13 +127,6 @@ def test_a_staircase_has_its_levels_even_if_steps_are_no_whole_periods():
     assert [level.last - level.first for level in group.levels] == [24] * 5
 
 
-def test_rates_in_a_row_are_a_staircase_of_rates():
-    onset = np.concatenate((train(0, 20, 20.0), train(1.0, 40, 40.0)))
-    (group,) = groups_of(pulses(onset), REST)
-    assert group.kind is Kind.STAIRCASE
-    assert [round(level.rate_hz) for level in group.levels] == [20, 40]
-
-
 @given(gaps=st.lists(st.floats(0.002, 2.0), max_size=30), seed=st.integers(0, 100))
 def test_every_pulse_belongs_to_one_group_and_one_level(gaps, seed):
     onset = np.concatenate(([0.0], np.cumsum(gaps)))
@@ -155,12 +138,6 @@ def test_every_pulse_belongs_to_one_group_and_one_level(gaps, seed):
         edges = [level.first for level in group.levels]
         assert edges == [group.first, *(level.last for level in group.levels[:-1])]
         assert group.levels[-1].last == group.last
-
-
-def test_pulses_are_put_in_order_once():
-    ordered = in_order(pulses([1.0, 0.0, 1.0], [0.5, 0.6, 0.7]))
-    assert ordered.onset_ns.tolist() == [0, 1_000_000_000]
-    assert ordered.intensity.tolist() == [0.6, 0.5]
 
 
 def session(artifact=1.0, offset=0.0):
@@ -190,18 +167,6 @@ def test_clocks_that_differ_are_found_out(offset):
     trace, onset = session(offset=offset)
     # the first sample after a pulse is known to a period of 1 ms, its mean over 20 to less
     assert find_artifacts(trace, onset, SEARCH).clock_offset == pytest.approx(offset, abs=4e-4)
-
-
-def test_no_artifact_is_not_invented():
-    found = find_artifacts(*session(artifact=0.0), SEARCH)
-    assert not found.found
-    assert found.clock_offset == 0.0
-
-
-def test_samples_near_a_pulse_are_those_from_just_before_to_the_span():
-    stamps = np.arange(20, dtype=np.int64) * 1_000_000
-    touched = near_pulses(stamps, np.array([10_000_000]), 1e-3, 4e-3)
-    assert np.flatnonzero(touched).tolist() == [9, 10, 11, 12, 13]
 
 
 def test_straight_lines_take_the_place_of_artifacts():

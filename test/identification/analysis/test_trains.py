@@ -17,7 +17,6 @@ from rpms_ros.identification.analysis.trains import (
     fit_equal,
     fit_gains,
     fit_history,
-    fit_percent,
     fit_with_law,
 )
 from rpms_ros.muscle import twitch
@@ -63,12 +62,6 @@ def test_no_gain_is_negative():
     assert (fit_gains(train, 3, fit_equal(train, 3)).gains >= 0).all()
 
 
-def test_the_fit_in_per_cent_is_that_of_the_norms():
-    measured = np.array([0.0, 1.0, 2.0])
-    assert fit_percent(measured, measured) == 100.0
-    assert fit_percent(measured, np.full(3, 1.0)) == pytest.approx(0.0)
-
-
 @given(
     facilitation=st.floats(0.0, 2.0),
     decay=st.floats(0.01, 1.0),
@@ -91,13 +84,6 @@ def test_a_law_without_history_is_the_linear_sum():
     linear = twitch(train.lag[:, None] - train.onset - LATENCY, CONSTANT).sum(axis=1)
     # saturation takes x / 1e6 of x, the lag a microsecond
     assert law.force(train, 3, LATENCY, CONSTANT) == pytest.approx(linear, abs=2e-4)
-
-
-def test_the_law_of_a_single_twitch_has_the_peak_one_without_a_lag():
-    law = TrainLaw(series_lag=1e-7)
-    force = law.force(response(1, step=1e-4), 3, LATENCY, CONSTANT)
-    # the sample nearest to the peak is within 50 us of it
-    assert force.max() == pytest.approx(1.0, abs=1e-4)
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,6 @@ from rpms_ros.identification.analysis.twitches import (
     crossing_latency,
     crossing_onset,
     latency_table,
-    smoothed,
 )
 from rpms_ros.identification.model.physiology import twitch_row
 from rpms_ros.muscle import twitch
@@ -72,31 +71,6 @@ def test_a_clean_twitch_is_found_exactly(onset, constant, order, peak, base):
     assert np.exp(found.theta[1]) == pytest.approx(constant, rel=1e-4)
     assert found.linear[0, 0] == pytest.approx(peak, rel=1e-3)
     assert found.linear[0, 1] == pytest.approx(base, abs=1e-3 * peak)
-
-
-def test_the_order_can_be_a_real_number():
-    force = twitch(LAG - 0.01, 0.03, 3.4)
-    assert fit(force, coarse_start(LAG, force, 3.0), 3).theta[2] == pytest.approx(3.4, abs=1e-3)
-
-
-def test_twitches_of_different_size_share_their_shape():
-    random = np.random.default_rng(3)
-    peaks, bases = [1.0, 5.0, 0.2], [0.0, 3.0, -1.0]
-    parts = [b + a * twitch(LAG - 0.011, 0.04) for a, b in zip(peaks, bases, strict=True)]
-    force = np.concatenate(parts) + 0.01 * random.standard_normal(3 * len(LAG))
-    found = fit(force, np.array([0.005, np.log(0.03), 3.0]))
-    variance = found.cost[0] / (len(force) - 8)
-    deviation = np.sqrt(np.diag(np.linalg.inv(found.normal)) * variance)
-    # four standard deviations: one in 16000 seeds
-    assert abs(found.theta[0] - 0.011) < 4 * deviation[0]
-    assert abs(found.theta[1] - np.log(0.04)) < 4 * deviation[1]
-    assert np.allclose(found.linear[:, 0], peaks, atol=0.01)
-
-
-def test_a_force_without_a_twitch_has_no_peak():
-    found = fit(np.full(len(LAG), 2.5), np.array([0.01, np.log(0.03), 3.0]))
-    assert found.cost[0] < 1e-20
-    assert found.linear[0] == pytest.approx([0.0, 2.5], abs=1e-9)
 
 
 def responses(order, count, noise=0.01):
@@ -152,35 +126,10 @@ def test_a_higher_order_that_explains_no_more_is_not_taken():
     assert choose_order(fit_twitches(draws, (3, 4))).order == 3
 
 
-def test_the_filter_has_unit_gain_and_no_delay():
-    force = np.zeros(101)
-    force[50] = 1.0
-    filtered = smoothed(force, 9)
-    assert filtered.sum() == pytest.approx(1.0)
-    # nine samples forwards and nine backwards: a triangle of 17
-    assert np.allclose(filtered, filtered[::-1])
-    assert np.flatnonzero(filtered > 1e-12).tolist() == list(range(42, 59))
-    assert filtered[50] == pytest.approx(1 / 9)
-    assert np.allclose(smoothed(np.full(50, -7.0), 9), -7.0)
-
-
 def test_the_onset_lies_where_an_artifact_ends_and_the_twitch_begins():
     force = twitch(LAG - 0.0105, 0.038) + np.where(LAG >= 0, np.exp(-LAG / 5e-4), 0.0)
     # the artifact falls until eight samples after its maximum, where the rise takes over
     assert crossing_onset(LAG, force, 9) == pytest.approx(0.0085, abs=1.5e-3)
-
-
-def test_crossings_at_the_flat_top_are_no_onset():
-    force = twitch(LAG - 0.0105, 0.038)
-    force += 0.01 * np.random.default_rng(0).standard_normal(len(LAG))
-    assert crossing_onset(LAG, force, 9) < 0.02
-
-
-@pytest.mark.parametrize(
-    ('lag', 'force'), [(LAG, -LAG), (LAG - 1.0, twitch(LAG, 0.038))], ids=['falls', 'before']
-)
-def test_there_may_be_no_onset(lag, force):
-    assert np.isnan(crossing_onset(lag, force, 9))
 
 
 def test_rows_of_latencies_are_intensities_with_mean_spread_and_number():
