@@ -98,3 +98,9 @@ def document(report: SessionReport) -> dict[str, Any]:
 @pytest.fixture(scope='session')
 def page(report: SessionReport) -> str:
     return as_page(report)
+
+
+@pytest.fixture
+def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pages whose text alone is looked at: drawing takes most of their time."""
+    monkeypatch.setattr('rpms_ros.report.page.as_svg', lambda *_: b'<svg/>')

@@ -230,6 +230,7 @@ def test_trains_of_one_intensity_have_a_report_of_their_own(trains_page: str) ->
     assert twitch_peak == pytest.approx(2.0, abs=0.02)
 
 
+@pytest.mark.usefixtures('without_figures')
 def test_one_estimate_of_all_has_no_time_courses(
     report: SessionReport, with_session: WithSession
 ) -> None:

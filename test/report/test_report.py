@@ -225,6 +225,7 @@ def test_the_methods_can_be_copied_and_done_again(document: dict[str, Any], page
     assert sentence in page
 
 
+@pytest.mark.usefixtures('without_figures')
 def test_rates_are_told_with_their_intervals(
     report: SessionReport, with_last: Callable[..., SessionReport]
 ) -> None:
@@ -280,6 +281,7 @@ def test_what_to_do_follows_from_the_reason(report: SessionReport, reason: str, 
     assert step in ' '.join(headline_of(doubted, report.identified).next_steps)
 
 
+@pytest.mark.usefixtures('without_figures')
 def test_the_first_screen_has_no_numbers_that_must_not_be_used(report: SessionReport) -> None:
     verdict = Verdict(grade='no', reasons=('the force comes out negative',))
     result = replace(report.result, verdict=verdict)
