@@ -44,7 +44,6 @@ def main(argv=None):
     driver = {
         'require_operator': 'false',
         'require_stop_button': 'false',
-        'executor_timeout': 5.0,
         'lateness_limit': LATENESS_LIMIT_S,
         'autostart': 'true',
         'realtime_priority': arguments.priority,

@@ -36,8 +36,6 @@ NAMESPACE = 'clinic'
 RATE = 100.0
 # A process that also simulates an hour may stall for longer than the defaults allow.
 _PATIENT = {
-    'executor_timeout': 10.0,
-    'watch_timeout': 10.0,
     'stop_button_timeout': 5.0,
     'heartbeat_timeout': 5.0,
     'lateness_limit': 0.1,

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The identifier beside somebody's own sensor and stimulator; a recorder, a live page if asked.
 
-ros2 launch rpms_ros identifier.launch.py force:=/ft_sensor/wrench axis:=x best_effort:=true
+ros2 launch rpms_ros identifier.launch.py force:=/ft_sensor/wrench axis:=x
 """
 
 import yaml
@@ -12,15 +12,14 @@ from launch import LaunchDescription
 from rpms_ros.nodes.common.launching import AS_THE_FILES_SAY, Given, configured, described
 
 TOPICS = ('force', 'pulses')
-# Launch argument, parameter of the identifier, meaning.
+# Parameter of the identifier, meaning.
 PARAMETERS = (
-    ('estimator', 'estimator', 'Algorithm.'),
-    ('axis', 'axis', 'Axis of the wrench along which the muscle pulls.'),
-    ('quantity', 'quantity', 'What the sensor measures: force or torque.'),
-    ('best_effort', 'best_effort_force', 'Hear a best-effort sensor from the start.'),
-    ('use_sim_time', 'use_sim_time', 'Follow /clock, as of a recording that is played.'),
+    ('estimator', 'Algorithm.'),
+    ('axis', 'Axis of the wrench along which the muscle pulls.'),
+    ('quantity', 'What the sensor measures: force or torque.'),
+    ('use_sim_time', 'Follow /clock, as of a recording that is played.'),
 )
-OF_THE_RECORDER = ('best_effort_force', 'use_sim_time')
+OF_THE_RECORDER = ('use_sim_time',)
 OF_THE_LIVE_PAGE = ('axis', 'quantity', 'use_sim_time')
 
 
@@ -29,14 +28,14 @@ def generate_launch_description() -> LaunchDescription:
     arguments = [
         ('namespace', '', 'Namespace of the nodes.'),
         *((name, name, f'Topic of {name}, relative to the namespace.') for name in TOPICS),
-        *((name, '', f'{meaning} {AS_THE_FILES_SAY}') for name, _, meaning in PARAMETERS),
+        *((name, '', f'{meaning} {AS_THE_FILES_SAY}') for name, meaning in PARAMETERS),
     ]
     return described(arguments, nodes)
 
 
 def nodes(given: Given) -> list[Node]:
     """Return the nodes as the arguments say."""
-    values = {key: given(name) for name, key, _ in PARAMETERS}
+    values = {name: given(name) for name, _ in PARAMETERS}
     chosen = {
         key: value if key in ('axis', 'estimator') else yaml.safe_load(value)
         for key, value in values.items()

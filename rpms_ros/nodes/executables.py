@@ -4,42 +4,8 @@
 
 import os
 import sys
+from functools import partial
 from importlib import import_module
-
-
-def identifier() -> int:
-    """Run the identifier as a process."""
-    return _run('identifier')
-
-
-def plant_simulator() -> int:
-    """Run the plant simulator as a process."""
-    return _run('plant_simulator')
-
-
-def recorder() -> int:
-    """Run the recorder as a process."""
-    return _run('recorder')
-
-
-def stimulator_driver() -> int:
-    """Run the stimulator driver as a process."""
-    return _run('stimulator_driver')
-
-
-def stop_button() -> int:
-    """Run the stop button as a process."""
-    return _run('stop_button')
-
-
-def operator_console() -> int:
-    """Run the operator's console as a process."""
-    return _run('operator_console')
-
-
-def live_page() -> int:
-    """Run the live page as a process."""
-    return _run('live_page')
 
 
 def _run(name: str) -> int:
@@ -55,3 +21,12 @@ def _run(name: str) -> int:
         return 0
     code: int = module.main()
     return code
+
+
+identifier = partial(_run, 'identifier')
+plant_simulator = partial(_run, 'plant_simulator')
+recorder = partial(_run, 'recorder')
+stimulator_driver = partial(_run, 'stimulator_driver')
+stop_button = partial(_run, 'stop_button')
+operator_console = partial(_run, 'operator_console')
+live_page = partial(_run, 'live_page')

@@ -26,7 +26,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from std_srvs.srv import Trigger
@@ -114,11 +114,6 @@ class IdentifierParameters(NodeParameters):
         FORCE,
         'What the sensor measures: a force, or a torque as an isometric dynamometer does.',
         choices=tuple(UNITS),
-    )
-    best_effort_force: bool = parameter(
-        False,
-        'Hear a force sensor that publishes best effort from the start; without it, from a second '
-        'after it was found. Samples may be lost.',
     )
     reorder_delay: float = parameter(
         _STREAM.reorder_delay,
@@ -228,11 +223,9 @@ class Hearing:
         Along which the muscle pulls.
     quantity : str
         What the sensor measures, force or torque.
-    profile : QoSProfile
-        Of the subscription to the force.
     """
 
-    def __init__(self, node: Node, axis: Axis, quantity: str, profile: QoSProfile) -> None:
+    def __init__(self, node: Node, axis: Axis, quantity: str) -> None:
         self._named = node
         self._axis = axis
         self._quantity = quantity
@@ -241,7 +234,7 @@ class Hearing:
         with complete_or_gone(self._node):
             # Overrides of the quality of service are parameters of the identifier.
             self._pulses = subscribe(node, self._node, PulseMessage, topics.PULSES, qos.PULSES)
-            self._force = subscribe(node, self._node, WrenchStamped, topics.FORCE, profile)
+            self._force = subscribe(node, self._node, WrenchStamped, topics.FORCE, qos.FORCE)
         self._best_effort: Subscription | None = None
 
     @property
@@ -502,12 +495,7 @@ class Identifier(Node):
         self._diagnostics = DiagnosticsPublisher(
             self, 'identification', f'sensor of {self.resolve_topic_name(topics.FORCE)}'
         )
-        self._hearing = Hearing(
-            self,
-            self._axis,
-            self.settings.quantity,
-            qos.FORCE_BEST_EFFORT if self.settings.best_effort_force else qos.FORCE,
-        )
+        self._hearing = Hearing(self, self._axis, self.settings.quantity)
         self._parts.callback(self._hearing.close)
         warn_of_unused(self)
         self._senders = Publishers(self)

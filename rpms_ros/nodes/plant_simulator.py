@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node that simulates the muscle and its force sensor: `pulses` in, `force` out.
 
-Samples are stamped by the clock of the node, or by a simulated clock that it publishes on /clock.
+Samples are stamped by the clock of the node.
 At each tick of a steady timer every sample that is due is published with its own stamp, so a late
 tick delays samples but does not lose them or change their stamps.
 """
@@ -17,7 +17,6 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rosgraph_msgs.msg import Clock as ClockMessage
 
 from rpms_msgs.msg import MuscleTruth, Pulse as PulseMessage
 from rpms_ros import estimate_messages, messages
@@ -121,18 +120,9 @@ class PlantParameters(NodeParameters):
     minimum_subscribers: int = parameter(
         0, 'Subscribers of the force to wait for before the first sample.', minimum=0, maximum=100
     )
-    publish_clock: bool = parameter(False, 'Publish /clock and stamp the samples by it.')
-    real_time_factor: float = parameter(
-        1.0, 'Seconds of /clock in one second.', minimum=0.01, maximum=100.0
-    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.real_time_factor != 1.0 and not self.publish_clock:
-            raise NodeError(
-                'expected publish_clock with a real_time_factor other than 1.0, '
-                f'got {self.real_time_factor} without'
-            )
         try:
             build_plant(self)
         except MuscleError as error:
@@ -206,16 +196,9 @@ class PlantSimulator(Node):
         self._diagnostics = DiagnosticsPublisher(
             self, 'simulation', f'simulated muscle {self.get_fully_qualified_name()}'
         )
-        self._clock_publisher = (
-            self.create_publisher(ClockMessage, '/clock', qos.CLOCK)
-            if self.settings.publish_clock
-            else None
-        )
         self.create_subscription(PulseMessage, topics.PULSES, self._on_pulse, qos.PULSES)
         self._delay_ns = nanoseconds(self.settings.publication_delay)
         self._jump = JumpDetector()
-        self._origin_ns = self.get_clock().now().nanoseconds
-        self._steady_origin_ns = time.monotonic_ns()
         period = 1.0 / min(self.settings.rate, _FASTEST_TICK)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(period, self._tick, clock=steady)
@@ -225,12 +208,6 @@ class PlantSimulator(Node):
             f'simulating subject {settings.subject}: {settings.quantity} '
             f'[{UNITS[settings.quantity]}] along {settings.axis} at {settings.rate:g} Hz'
         )
-
-    def _now_ns(self) -> int:
-        if self._clock_publisher is None:
-            return int(self.get_clock().now().nanoseconds)
-        elapsed = time.monotonic_ns() - self._steady_origin_ns
-        return self._origin_ns + round(elapsed * self.settings.real_time_factor)
 
     def _on_pulse(self, message: PulseMessage) -> None:
         pulse = messages.pulse_of(message)
@@ -242,10 +219,7 @@ class PlantSimulator(Node):
             )
 
     def _tick(self) -> None:
-        now_ns = self._now_ns()
-        if self._clock_publisher is not None:
-            stamp = messages.time_message(now_ns, MESSAGE_TYPES)
-            self._clock_publisher.publish(ClockMessage(clock=stamp))
+        now_ns = int(self.get_clock().now().nanoseconds)
         self._begin_if_needed(now_ns)
         if self._begun:
             self._publish_due(now_ns - self._delay_ns)
@@ -257,7 +231,7 @@ class PlantSimulator(Node):
                 self.plant.begin(now_ns)
                 self._begun = True
             return
-        if self._clock_publisher is None and self._jump.at(now_ns):
+        if self._jump.at(now_ns):
             logger_of(self).warning('the clock has jumped: the plant starts anew')
             faults, self.plant = self.plant.faults, build_plant(self.settings)
             self._next_truth_ns = 0

@@ -211,11 +211,6 @@ class RecorderParameters(NodeParameters):
     topics: tuple[str, ...] = parameter(
         tuple(_TOPICS), 'Topics to record, of any type; those without publisher stay empty.'
     )
-    best_effort_force: bool = parameter(
-        False,
-        'Record a force sensor that publishes best effort from the start, not from a second after '
-        'it was found. Samples may be lost.',
-    )
     key_file: str = parameter(
         '', 'File with the key that signs the recording; empty leaves it unsigned.'
     )
@@ -375,8 +370,6 @@ class Recorder(Node):
             self._subscribe(name, kind, subscription_qos(infos))
 
     def _subscribe(self, name: str, kind: Any, profile: QoSProfile) -> None:
-        if name == topics.FORCE and self.settings.best_effort_force:
-            profile = qos.FORCE_BEST_EFFORT
         heard = subscribe(self, self._node, kind, name, profile)
         alone = heard.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT
         reliable, best_effort = (None, heard) if alone else (heard, None)

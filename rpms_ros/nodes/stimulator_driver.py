@@ -33,18 +33,17 @@ from rpms_ros import messages
 from rpms_ros.errors import NodeError, RpmsError, StimulationError
 from rpms_ros.nodes.common import qos, topics
 from rpms_ros.nodes.common.diagnostics import logger_of, plain_text
-from rpms_ros.nodes.common.parameters import declare_parameters
+from rpms_ros.nodes.common.parameters import declare_parameters, follow_parameters
 from rpms_ros.nodes.common.runner import complete_or_gone, run, stay_on_this_machine
 from rpms_ros.nodes.common.topics import MESSAGE_TYPES
 from rpms_ros.nodes.driver.goals import AUDIT, ScheduleAction
 from rpms_ros.nodes.driver.parameters import (
     DriverParameters,
-    SessionFigures,
     build_device,
     driver_settings_of,
-    follow_bound,
     ledger_of,
     patience_s,
+    session_of,
 )
 from rpms_ros.nodes.driver.reports import (
     DriverAudit,
@@ -52,163 +51,13 @@ from rpms_ros.nodes.driver.reports import (
     PulsePublisher,
     ask_for_realtime,
 )
-from rpms_ros.nodes.driver.watch import DriverWatch
+from rpms_ros.nodes.driver.watch import WATCH_TIMEOUT_S, DriverWatch
 from rpms_ros.stimulation import Schedule, load_schedule
 from rpms_ros.stimulation.driver.authority import AUTHORITY, Authority
 from rpms_ros.stimulation.driver.controller import ControllerThreads, StimulationController
 from rpms_ros.stimulation.driver.safety_monitor import EXECUTOR, Refused, SensorLife
 from rpms_ros.stimulation.driver.states import POSSIBLE, State
 from rpms_ros.stimulation.driver.stop_buttons import StopButtons
-
-
-class InterlockInputs:
-    """Subscriptions and services that can stop a driver.
-
-    Parameters
-    ----------
-    node : Node
-        Whose executor serves them.
-    controller : StimulationController
-        What is stopped.
-    watch : DriverWatch
-        Knows the buttons.
-    settings : DriverParameters
-        Which of them are used.
-    refused : callable
-        Told why something was refused.
-    reset : callable
-        Told that a stop was reset.
-    """
-
-    def __init__(
-        self,
-        node: Node,
-        controller: StimulationController,
-        watch: DriverWatch,
-        settings: DriverParameters,
-        refused: Callable[[str], None],
-        reset: Callable[[], None],
-    ) -> None:
-        self._controller = controller
-        self._watch = watch
-        self._refused = refused
-        self._was_reset = reset
-        self._limit = settings.force_limit
-        self._quantity = settings.quantity
-        self._sensor = SensorLife(settings.force_frame, settings.force_timeout)
-        if settings.force_limit > 0:
-            node.create_subscription(
-                WrenchStamped, topics.FORCE, self._on_force, qos.FORCE_BEST_EFFORT
-            )
-        node.create_service(Trigger, topics.RESET_EMERGENCY_STOP, self._on_reset)
-
-    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        del request
-        try:
-            self._watch.forget_gone()
-            self._controller.reset()
-        except StimulationError as error:
-            reason = plain_text(error)
-            self._refused(reason)
-            response.success, response.message = False, reason
-            return response
-        self._was_reset()
-        response.success, response.message = True, 'reset; the driver is disarmed'
-        return response
-
-    def _on_force(self, message: WrenchStamped) -> None:
-        """Hold every sample against the limit; not every one is a sign of life."""
-        force = getattr(message.wrench, self._quantity)
-        size = math.hypot(force.x, force.y, force.z)
-        stamp_ns = messages.nanoseconds(message.header.stamp)
-        refusal = self._sensor.refusal(stamp_ns, message.header.frame_id, time.time_ns())
-        if refusal is None:
-            self._controller.force(size)
-            return
-        self._controller.count('force_refused')
-        self._refused(plain_text(refusal))
-        if not size <= self._limit:
-            self._controller.force(size)
-
-
-class OperatorServices:
-    """Serves the two steps for a node.
-
-    Parameters
-    ----------
-    node : Node
-        Whose executor serves them.
-    authority : Authority
-        Holds the operator.
-    required : bool
-        Whether an operator is asked for; if not, others may arm and start while there is none.
-    arm : callable
-        Arms the driver; raises StimulationError if that was refused.
-    refused : callable
-        Told why something was refused.
-    """
-
-    def __init__(
-        self,
-        node: Node,
-        authority: Authority,
-        required: bool,
-        arm: Callable[[], None],
-        refused: Callable[[str], None],
-    ) -> None:
-        self._authority = authority
-        self._required = required
-        self._arm = arm
-        self._refused = refused
-        node.create_service(RequestArming, topics.REQUEST_ARMING, self._on_request)
-        node.create_service(ConfirmArming, topics.CONFIRM_ARMING, self._on_confirm)
-
-    def require_arming(self) -> None:
-        """Raise Refused where only an operator may arm, and none has confirmed."""
-        if self._required and not self._authority.confirmed:
-            raise Refused(
-                AUTHORITY,
-                'expected an operator to request and to confirm the arming, got neither',
-            )
-
-    def require_goal(self, goal: RunSchedule.Goal) -> None:
-        """Raise Refused unless the sender of a goal may start a schedule."""
-        if self._required or self._authority.confirmed:
-            self._authority.require(goal.operator_id, goal.token)
-
-    def _on_request(
-        self, request: RequestArming.Request, response: RequestArming.Response
-    ) -> RequestArming.Response:
-        try:
-            response.token = self._authority.request(request.operator_id, time.monotonic_ns())
-        except StimulationError as error:
-            response.message = plain_text(error)
-            self._refused(response.message)
-            return response
-        response.success = True
-        response.valid_for = float(self._authority.valid_s)
-        response.message = 'hold the enable, send heartbeats with the token, then confirm'
-        return response
-
-    def _on_confirm(
-        self, request: ConfirmArming.Request, response: ConfirmArming.Response
-    ) -> ConfirmArming.Response:
-        confirmed = False
-        try:
-            if self._authority.confirmed:
-                raise Refused(AUTHORITY, 'expected one confirmation, got another one')
-            self._authority.confirm(request.operator_id, request.token, time.monotonic_ns())
-            confirmed = True
-            self._arm()
-        except StimulationError as error:
-            if confirmed:
-                self._authority.take_back()
-            response.message = plain_text(error)
-            self._refused(response.message)
-            return response
-        response.success, response.message = True, 'armed'
-        return response
-
 
 Names = dict[int, str]
 _LABELS: Names = {
@@ -330,12 +179,12 @@ class StimulatorDriver(GuardedLifecycleNode):
         # a misspelt limit must not count as one that was left out
         self.settings = declare_parameters(self, DriverParameters, refuse_misspelt=True)
         settings = self.settings
-        self._figures = SessionFigures(settings)
-        self._ledger = ledger_of(settings, self._figures.specification)
+        self._session = session_of(settings)
+        self._ledger = ledger_of(settings, self._session)
         self._parts.callback(self._ledger.close)
         self.controller = StimulationController(
-            build_device(settings, self._figures.specification),
-            self._figures.specification,
+            build_device(settings, self._session.specification),
+            self._session.specification,
             driver_settings_of(settings),
             ledger=self._ledger,
         )
@@ -368,11 +217,10 @@ class StimulatorDriver(GuardedLifecycleNode):
             device,
         )
         refuse = self._reports.refuse
-        self._operator = OperatorServices(
-            self, self.authority, settings.require_operator, self._arm, refuse
-        )
+        self.create_service(RequestArming, topics.REQUEST_ARMING, self._on_request)
+        self.create_service(ConfirmArming, topics.CONFIRM_ARMING, self._on_confirm)
         self._action = ScheduleAction(
-            self, self.controller, self._operator.require_goal, self._on_start, refuse
+            self, self.controller, self._require_goal, self._reports.announce, refuse
         )
         self._parts.callback(self._action.destroy)
         self._watch = DriverWatch(
@@ -380,14 +228,17 @@ class StimulatorDriver(GuardedLifecycleNode):
             self.controller,
             self.buttons,
             self.authority,
-            patience_s(settings, settings.watch_timeout),
+            patience_s(settings, WATCH_TIMEOUT_S),
             refuse,
         )
         self._parts.callback(self._watch.close)
-        self._inputs = InterlockInputs(
-            self, self.controller, self._watch, settings, refuse, self._on_reset
-        )
-        follow_bound(self, self.controller, settings, self._on_bound, refuse)
+        self._sensor = SensorLife(settings.force_frame, settings.force_timeout)
+        if settings.force_limit > 0:
+            self.create_subscription(
+                WrenchStamped, topics.FORCE, self._on_force, qos.FORCE_BEST_EFFORT
+            )
+        self.create_service(Trigger, topics.RESET_EMERGENCY_STOP, self._on_reset)
+        follow_parameters(self, settings, self._on_bound, self._allow_bound)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_SIGN_S, self._show_life, clock=steady)
         self.create_timer(_TICK_S, self._guarded_tick, clock=steady)
@@ -460,8 +311,12 @@ class StimulatorDriver(GuardedLifecycleNode):
 
     def _make_ready(self) -> None:
         """Arm, if the operator is allowed to."""
-        self._operator.require_arming()
-        self._figures.require_unchanged()
+        if self.settings.require_operator and not self.authority.confirmed:
+            raise Refused(
+                AUTHORITY,
+                'expected an operator to request and to confirm the arming, got neither',
+            )
+        self._session.require_unchanged()
         self._watch.look()
         self.controller.seen(EXECUTOR)
         limits = {key: str(value) for key, value in vars(self.controller.limits).items()}
@@ -508,12 +363,69 @@ class StimulatorDriver(GuardedLifecycleNode):
         self._reports.forget_refusal()
         return TransitionCallbackReturn.SUCCESS
 
-    def _on_start(self, goal: RunSchedule.Goal, schedule: Schedule) -> None:
-        self._reports.announce(schedule, goal.operator_id)
+    def _require_goal(self, goal: RunSchedule.Goal) -> None:
+        """Raise Refused unless the sender of a goal may start a schedule."""
+        if self.settings.require_operator or self.authority.confirmed:
+            self.authority.require(goal.operator_id, goal.token)
 
-    def _on_reset(self) -> None:
-        self._reports.say('stop was reset')
-        self._audit.note('reset')
+    def _answered(self, response: Any, act: Callable[[], str]) -> Any:
+        """Do what a service is asked for; answer with what was done, or why it was refused."""
+        try:
+            response.message, response.success = act(), True
+        except StimulationError as error:
+            response.message = plain_text(error)
+            self._reports.refuse(response.message)
+        return response
+
+    def _on_request(
+        self, request: RequestArming.Request, response: RequestArming.Response
+    ) -> RequestArming.Response:
+        def give_token() -> str:
+            response.token = self.authority.request(request.operator_id, time.monotonic_ns())
+            response.valid_for = float(self.authority.valid_s)
+            return 'hold the enable, send heartbeats with the token, then confirm'
+
+        return self._answered(response, give_token)
+
+    def _on_confirm(
+        self, request: ConfirmArming.Request, response: ConfirmArming.Response
+    ) -> ConfirmArming.Response:
+        def confirm() -> str:
+            if self.authority.confirmed:
+                raise Refused(AUTHORITY, 'expected one confirmation, got another one')
+            self.authority.confirm(request.operator_id, request.token, time.monotonic_ns())
+            try:
+                self._arm()
+            except StimulationError:
+                self.authority.take_back()
+                raise
+            return 'armed'
+
+        return self._answered(response, confirm)
+
+    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        def reset() -> str:
+            self._watch.forget_gone()
+            self.controller.reset()
+            self._reports.say('stop was reset')
+            self._audit.note('reset')
+            return 'reset; the driver is disarmed'
+
+        return self._answered(response, reset)
+
+    def _on_force(self, message: WrenchStamped) -> None:
+        """Hold every sample against the limit; not every one is a sign of life."""
+        force = getattr(message.wrench, self.settings.quantity)
+        size = math.hypot(force.x, force.y, force.z)
+        stamp_ns = messages.nanoseconds(message.header.stamp)
+        refusal = self._sensor.refusal(stamp_ns, message.header.frame_id, time.time_ns())
+        if refusal is None:
+            self.controller.force(size)
+            return
+        self.controller.count('force_refused')
+        self._reports.refuse(refusal)
+        if not size <= self.settings.force_limit:
+            self.controller.force(size)
 
     def _on_audit_failed(self, reason: str) -> None:
         self.controller.interlocks.open(AUDIT, reason)
@@ -523,10 +435,24 @@ class StimulatorDriver(GuardedLifecycleNode):
     def _on_context_shutdown(self) -> None:
         self.controller.disarm('context shut down')
 
-    def _on_bound(self, settings: DriverParameters) -> None:
-        self.settings = settings
-        self._reports.say(f'intensities up to {settings.maximum_intensity:g}')
-        self._audit.note('limit', maximum_intensity=settings.maximum_intensity)
+    def _allow_bound(self, changed: DriverParameters) -> None:
+        try:
+            self.controller.require_bound(changed.maximum_intensity)
+        except StimulationError as error:
+            self._reports.refuse(str(error))
+            raise
+
+    def _on_bound(self, changed: DriverParameters) -> None:
+        # only a parameter that was set moves it: a change may be refused by any callback
+        try:
+            self.controller.tighten(changed.maximum_intensity)
+        except StimulationError as error:
+            # armed since the check, by another thread: the lower bound stays in force
+            self._reports.refuse(str(error))
+            return
+        self.settings = changed
+        self._reports.say(f'intensities up to {changed.maximum_intensity:g}')
+        self._audit.note('limit', maximum_intensity=changed.maximum_intensity)
 
     def _show_life(self) -> None:
         self.controller.seen(EXECUTOR)

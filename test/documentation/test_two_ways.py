@@ -163,8 +163,6 @@ def test_a_pulse(graph, tracing, instrument, monkeypatch, tmp_path):
         StimulatorDriver,
         require_operator=False,
         require_stop_button=False,
-        executor_timeout=5.0,
-        watch_timeout=5.0,
         lateness_limit=0.1,
         ledger_folder=str(tmp_path / 'ledger'),
         audit_log=str(tmp_path / 'audit.jsonl'),

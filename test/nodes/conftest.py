@@ -37,7 +37,7 @@ from rpms_ros.stimulation import Schedule, UniformRandom, constant, schedule_to_
 RPMS = [sys.executable, '-c', 'import sys; from rpms_ros.cli import main; sys.exit(main())']
 TOKEN = 'correct-horse-battery'
 # a machine under load may stall for longer than the defaults allow
-PATIENT = {'executor_timeout': 10.0, 'watch_timeout': 10.0, 'stop_button_timeout': 10.0}
+PATIENT = {'stop_button_timeout': 10.0}
 
 
 @pytest.fixture(autouse=True)
@@ -51,6 +51,7 @@ def patient_supervision(any_lateness, monkeypatch):
     def patient(settings):
         return replace(
             driver_settings_of(settings),
+            executor_timeout_s=5.0,
             response_limit_s=0.5,
             stuck_limit_s=5.0,
             supervisor_timeout_s=5.0,
@@ -58,6 +59,7 @@ def patient_supervision(any_lateness, monkeypatch):
         )
 
     monkeypatch.setattr(stimulator_driver, 'driver_settings_of', patient)
+    monkeypatch.setattr(stimulator_driver, 'patience_s', lambda *_: 5.0)
 
 
 @pytest.fixture
@@ -160,8 +162,6 @@ class DriverBench:
         patient = {
             'require_operator': bool(operator),
             'require_stop_button': False,
-            'executor_timeout': 5.0,
-            'watch_timeout': 5.0,
             'stop_button_timeout': 5.0,
             'heartbeat_timeout': 5.0,
             'force_timeout': 5.0,

@@ -45,8 +45,6 @@ class Running:
             StimulatorDriver,
             require_operator=False,
             require_stop_button=False,
-            executor_timeout=5.0,
-            watch_timeout=5.0,
             lateness_limit=0.1,
             audit_log=str(audit),
         )
@@ -157,32 +155,3 @@ def test_the_audit_log_vouches_for_the_pulses_of_a_recording(graph, running, tmp
 def audit_findings(path: Path, audit: Path) -> list[tuple[str, str]]:
     findings = verify_recording(path, audit=audit)
     return [(one.state, one.text) for one in findings if one.check == 'audit']
-
-
-def test_a_schedule_that_is_refused_is_told_to_nobody(graph, running) -> None:
-    heard = heard_by(graph, 'other')
-    graph.wait_for(lambda: running.driver.count_subscribers(topics.ACCEPTED_SCHEDULE) == 1)
-    assert 'expected state ARMED, got UNCONFIGURED' in running.run(WARM_UP).reason
-    running.arm()
-    assert running.run(replace(WARM_UP, name='second')).completed
-    graph.wait_for(lambda: len(heard) == 1)
-    assert heard[0].name == 'second'
-
-
-def test_a_schedule_that_starts_by_itself_is_told_with_its_text(graph, schedule_file) -> None:
-    heard = heard_by(graph, 'other')
-    graph.add(
-        StimulatorDriver,
-        require_operator=False,
-        require_stop_button=False,
-        executor_timeout=5.0,
-        watch_timeout=5.0,
-        lateness_limit=0.1,
-        autostart=True,
-        minimum_subscribers=0,
-        schedule_file=schedule_file(constant(0.5, 0.2, 50.0)),
-    )
-    graph.wait_for(lambda: len(heard) == 1)
-    assert heard[0].sha256 == hashlib.sha256(heard[0].schedule.encode()).hexdigest()
-    assert heard[0].pulses == 10
-    assert 'rate_hz: 50.0' in heard[0].schedule

@@ -6,10 +6,8 @@ import threading
 from pathlib import Path
 
 import pytest
-from rclpy.action import ActionClient
 from rclpy.node import Node
 
-from rpms_msgs.action import RunSchedule
 from rpms_ros.errors import RpmsError
 from rpms_ros.nodes.identifier import Identifier
 from rpms_ros.nodes.live_page import LivePage
@@ -103,7 +101,7 @@ def test_the_driver_ends_what_it_has_begun_when_its_last_part_is_refused(
     def refuse(*_: object) -> None:
         raise RpmsError('expected the last part, got none')
 
-    monkeypatch.setattr('rpms_ros.nodes.stimulator_driver.follow_bound', refuse)
+    monkeypatch.setattr('rpms_ros.nodes.stimulator_driver.follow_parameters', refuse)
     other = graph.add(lambda **options: Node('other', **options))
     threads = set(threading.enumerate())
     log = tmp_path / 'audit.jsonl'
@@ -112,14 +110,4 @@ def test_the_driver_ends_what_it_has_begun_when_its_last_part_is_refused(
     # one of before may have ended meanwhile
     assert set(threading.enumerate()) <= threads
     assert log.read_text().splitlines()[-1].count('"end"') == 1
-    graph.wait_for(lambda: not names(other))
-
-
-def test_a_client_of_an_action_does_not_keep_its_node_on_the_graph(graphs, context, graph) -> None:
-    other = graph.add(lambda **options: Node('other', **options))
-    with graphs.running_graph(context) as second:
-        client = second.add(lambda **options: Node('client', **options))
-        goals = ActionClient(client, RunSchedule, 'run_schedule')
-        graph.wait_for(lambda: names(other) == {'client'})
-    assert goals is not None
     graph.wait_for(lambda: not names(other))

@@ -14,7 +14,6 @@ from rpms_msgs.msg import MuscleEstimate, Pulse as PulseMessage
 from rpms_ros import messages
 from rpms_ros.nodes import recorder as health_module
 from rpms_ros.nodes.common import qos
-from rpms_ros.nodes.common.diagnostics import RecentChange
 from rpms_ros.nodes.common.topics import MESSAGE_TYPES
 from rpms_ros.nodes.identifier import Identifier
 from rpms_ros.nodes.live_page import LivePage
@@ -110,14 +109,6 @@ def test_a_live_page_tells_what_it_cannot_show_and_a_stop_that_nobody_confirms(g
     page.stop.let_go()
     estimate.publish(MuscleEstimate())
     graph.wait_for(lambda: said(DiagnosticStatus.OK, 'showing'))
-
-
-def test_a_change_is_recent_for_ten_seconds() -> None:
-    recent = RecentChange()
-    assert not recent.seen(0, 0)
-    assert recent.seen(1, SECOND)
-    assert recent.seen(1, 11 * SECOND - 1)
-    assert not recent.seen(1, 11 * SECOND)
 
 
 def test_a_recorder_says_what_it_lacks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

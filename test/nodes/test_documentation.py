@@ -11,8 +11,6 @@ from pathlib import Path
 
 import pytest
 
-from rpms_ros.nodes.common import qos, topics
-
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / 'docs' / 'nodes.md').read_text()
 
@@ -21,23 +19,6 @@ def test_files_of_parameters_and_schema_are_what_tools_document_writes() -> None
     tool = [sys.executable, str(ROOT / 'tools' / 'document'), '--check']
     done = subprocess.run(tool, capture_output=True, text=True, timeout=250, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (0, '', '')
-
-
-PROFILES = {
-    topics.PULSES: qos.PULSES,
-    topics.FORCE: qos.FORCE,
-    topics.ESTIMATE: qos.ESTIMATE_KEPT,
-    topics.DISTURBANCE: qos.DISTURBANCE,
-    topics.DRIVER_STATUS: qos.STATUS,
-    topics.TRUTH: qos.TRUTH,
-}
-
-
-@pytest.mark.parametrize(('topic', 'profile'), PROFILES.items())
-def test_the_page_names_the_depth_of_each_topic(topic: str, profile: qos.QoSProfile) -> None:
-    (line,) = (line for line in PAGE.splitlines() if line.startswith(f'| `{topic}` | `'))
-    durability = profile.durability.name.lower().replace('_', ' ')
-    assert line.endswith(f'| reliable, {durability}, depth {profile.depth} |')
 
 
 @pytest.mark.long

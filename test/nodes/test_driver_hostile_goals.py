@@ -61,8 +61,6 @@ def test_every_hostile_goal_is_answered_with_a_reason(graph):
         StimulatorDriver,
         require_operator=False,
         require_stop_button=False,
-        executor_timeout=10.0,
-        watch_timeout=10.0,
         lateness_limit=0.1,
     )
     other = graph.add(lambda **options: Node('other', **options))

@@ -64,6 +64,7 @@ def theatre(graph, instrument, patient_file, specification_file, tmp_path, monke
     def settings_of(given):
         return replace(
             driver_settings_of(given),
+            executor_timeout_s=5.0,
             response_limit_s=5.0,
             stuck_limit_s=5.0,
             supervisor_timeout_s=5.0,
@@ -79,8 +80,6 @@ def theatre(graph, instrument, patient_file, specification_file, tmp_path, monke
         'ledger_folder': str(tmp_path / 'ledger'),
         'audit_log': str(tmp_path / 'audit.jsonl'),
         # a machine under load may stall for longer than the default allows
-        'executor_timeout': 5.0,
-        'watch_timeout': 5.0,
         'stop_button_timeout': 5.0,
         'heartbeat_timeout': 5.0,
         'lateness_limit': 0.1,

@@ -10,10 +10,10 @@ from rpms_ros.errors import StimulationError
 from rpms_ros.nodes.driver.parameters import (
     DriverParameters,
     build_device,
-    device_specification_of,
     driver_settings_of,
     ledger_of,
     patience_s,
+    session_of,
 )
 from rpms_ros.stimulation.limits.limits import BookedPulse
 
@@ -31,7 +31,7 @@ def test_the_guard_holds_the_tightest_bound_of_device_patient_and_parameter(
         ledger_folder=str(tmp_path),
         audit_log=str(tmp_path / 'audit.jsonl'),
     )
-    device = build_device(settings, device_specification_of(settings))
+    device = build_device(settings, session_of(settings).specification)
     assert device._line.limits.maximum_percent == percent
 
 
@@ -47,7 +47,7 @@ def test_the_ledger_of_a_device_is_known_by_its_serial_number_whatever_its_port_
             ledger_folder=str(tmp_path / 'ledgers'),
             audit_log=str(tmp_path / 'audit.jsonl'),
         )
-        return ledger_of(settings, device_specification_of(settings))
+        return ledger_of(settings, session_of(settings))
 
     with opened('/dev/ttyUSB0') as ledger:
         ledger.take(ledger.reserve([BookedPulse(time.monotonic_ns(), 0.1, 2.0)])[0])
@@ -59,17 +59,16 @@ def test_the_ledger_of_a_device_is_known_by_its_serial_number_whatever_its_port_
 
 
 def test_only_a_simulated_device_bears_a_busy_computer(patient_file, tmp_path):
-    simulated = driver_settings_of(DriverParameters(executor_timeout=0.3))
+    simulated = driver_settings_of(DriverParameters())
     assert (simulated.executor_timeout_s, simulated.supervisor_timeout_s) == (2.0, 2.0)
     assert (simulated.stuck_limit_s, simulated.response_limit_s) == (2.0, 2.0)
     real = DriverParameters(
         device='serial',
-        executor_timeout=0.3,
         patient_file=str(patient_file),
         ledger_folder=str(tmp_path),
         audit_log=str(tmp_path / 'audit.jsonl'),
     )
     settings = driver_settings_of(real)
-    assert (settings.executor_timeout_s, settings.supervisor_timeout_s) == (0.3, 0.5)
+    assert (settings.executor_timeout_s, settings.supervisor_timeout_s) == (0.5, 0.5)
     assert (settings.stuck_limit_s, settings.response_limit_s) == (0.2, 0.1)
     assert patience_s(real, 0.1) == 0.1

@@ -26,16 +26,16 @@ from dataclasses import replace
 from rpms_ros.nodes import stimulator_driver
 settings_of = stimulator_driver.driver_settings_of
 stimulator_driver.driver_settings_of = lambda given: replace(
-    settings_of(given), response_limit_s=5.0, stuck_limit_s=5.0, supervisor_timeout_s=5.0
+    settings_of(given), executor_timeout_s=5.0, response_limit_s=5.0, stuck_limit_s=5.0,
+    supervisor_timeout_s=5.0,
 )
+stimulator_driver.patience_s = lambda *_: 5.0
 sys.exit(stimulator_driver.main())
 """
 ARGUMENTS = (
     'autostart:=true',
     'require_operator:=false',
     'require_stop_button:=false',
-    'executor_timeout:=5.0',
-    'watch_timeout:=5.0',
     'lateness_limit:=0.1',
 )
 

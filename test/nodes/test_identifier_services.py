@@ -101,13 +101,6 @@ def test_hold_predicts_and_resume_learns(graph, capfd: pytest.CaptureFixture[str
     assert 'held: predicts, does not learn' in said
 
 
-def test_reset_lets_go_of_a_hold(graph) -> None:
-    sensor = Sensor(graph)
-    sensor.call('hold')
-    assert sensor.call('reset') == 'reset: the identification starts again'
-    assert not sensor.identifier.stream.held
-
-
 def test_the_disturbance_is_published_where_an_estimator_tells_it(graph) -> None:
     sensor = Sensor(graph)
     sensor.send(600)
@@ -151,7 +144,8 @@ def test_a_torque_is_said_to_be_one(graph) -> None:
 def test_who_is_told_of_a_best_effort_sensor_hears_it_once(graph) -> None:
     node = graph.add(lambda **options: Node('sensor', **options))
     forces = node.create_publisher(WrenchStamped, 'force', qos.FORCE_BEST_EFFORT)
-    identifier = graph.add(Identifier, best_effort_force=True)
+    told = {'qos_overrides./force.subscription.reliability': 'best_effort'}
+    identifier = graph.add(Identifier, **told)
     graph.wait_for(lambda: forces.get_subscription_count() == 1)
     graph.wait_for(lambda: identifier._senders.best_effort_alone)
     assert forces.get_subscription_count() == 1

@@ -33,7 +33,7 @@ KINDS: dict[str, Callable[..., Node]] = {
     'recorder': Recorder,
     'stimulator_driver': StimulatorDriver,
 }
-PATIENT = 'executor_timeout: 5.0, watch_timeout: 5.0, lateness_limit: 0.1'
+PATIENT = 'lateness_limit: 0.1'
 
 
 class Launched:
@@ -125,7 +125,6 @@ def test_the_identifier_takes_everything_by_arguments(graph, load, tmp_path: Pat
         estimator='tracking',
         axis='-0.6,0,-0.8',
         quantity='torque',
-        best_effort='true',
         use_sim_time='true',
         parameters=str(own),
         live='true',
@@ -137,10 +136,9 @@ def test_the_identifier_takes_everything_by_arguments(graph, load, tmp_path: Pat
     settings = identifier.settings
     assert identifier.get_fully_qualified_name() == '/left_leg/identifier'
     assert (settings.estimator, settings.axis) == ('tracking', '-0.6,0,-0.8')
-    assert (settings.quantity, settings.best_effort_force) == ('torque', True)
+    assert settings.quantity == 'torque'
     # the file of the user comes after that of config/, an argument after both
     assert settings.repetition_rate == 30.0
-    assert recorder.settings.best_effort_force
     assert recorder.path == tmp_path / 'session'
     shown = page.settings
     assert (shown.axis, shown.quantity, shown.port) == ('-0.6,0,-0.8', 'torque', 0)

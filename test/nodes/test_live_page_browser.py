@@ -143,60 +143,6 @@ def test_anybody_can_read_and_use_it(graph, page, browser):
     assert beyond.startswith('<button type="button" id="hold"')
 
 
-def test_changes_are_marked_and_the_effort_has_a_trace_of_its_own(graph, page, browser):
-    """A muscle that tires, a sudden change, and a patient who pulls."""
-    other = graph.add(lambda **options: Node('other', **options))
-    estimates = other.create_publisher(MuscleEstimate, topics.ESTIMATE, qos.ESTIMATE)
-    forces = other.create_publisher(WrenchStamped, topics.FORCE, qos.FORCE)
-    begun_ns, sent, axis = 10**18, [0], (0.0, 0.0, 1.0)
-
-    def send():
-        for _ in range(50):
-            sent[0] += 1
-            stamp_ns = begun_ns + sent[0] * 1_000_000
-            forces.publish(messages.force_message(stamp_ns, 2.0, axis, MESSAGE_TYPES))
-        message = MuscleEstimate(
-            estimator='tracking',
-            unit='N',
-            disturbance=1.0 + 0.01 * sent[0] % 1.0,
-            disturbance_deviation=0.1,
-            rate_names=['force_percent'],
-            rate=[-2.5],
-            rate_lower=[-3.0],
-            rate_upper=[-2.0],
-        )
-        message.header = messages.header_message(stamp_ns, '', MESSAGE_TYPES)
-        if sent[0] > 1000:
-            message.changes, message.change_kinds = 1, ['gain']
-            message.change_ago = [(stamp_ns - begun_ns) * 1e-9 - 0.75]
-        estimates.publish(message)
-
-    graph.wait_for(
-        lambda: estimates.get_subscription_count() * forces.get_subscription_count() > 0
-    )
-    browser.open(page.server.url)
-    browser.wait_for("document.getElementById('connection').textContent === 'connected'")
-    assert browser.evaluate("document.getElementById('effort').hidden")
-    timer = other.create_timer(0.05, send)
-    graph.wait_for(lambda: browser.evaluate('plots.effort.time.length > 5'), 60.0)
-    assert not browser.evaluate("document.getElementById('effort').hidden")
-    time_s, lower, value, upper = browser.evaluate(
-        '["time", "lower", "value", "upper"].map((name) => plots.effort[name])'
-    )
-    assert time_s == sorted(set(time_s))
-    half = [(c - a) / 2 for a, c in zip(lower, upper, strict=True)]
-    # 95 % of a normal distribution lie within 1.96 standard deviations
-    assert half == pytest.approx([0.196] * len(half))
-    assert 1.0 <= min(value) <= max(value) <= 2.0
-    graph.wait_for(lambda: browser.text('#change-list') == 'gain at 0.75 s', 60.0)
-    assert browser.text('#rate-rows tr') == 'steady force, % a minute-2.50-3.00 to -2.00'
-    width = "document.querySelector('#effort-plot canvas').getBoundingClientRect().width"
-    assert browser.evaluate(width) > 500
-    timer.cancel()
-    assert browser.accessibility_faults() == []
-    assert browser.complaints() == []
-
-
 NASTY = '<img src=x onerror=alert(1)></td><script>document.title="taken"</script>\u202e'
 
 
@@ -352,44 +298,3 @@ def test_a_page_that_was_killed_says_so_and_comes_back(page_process, browser, un
     browser.wait_for("document.getElementById('title').textContent === 'left'")
     again.terminate()
     assert (again.communicate()[1].count('Traceback'), again.returncode) == (0, 0)
-
-
-def test_what_the_operator_needs_stands_on_top(graph, page, browser):
-    """First why there is no curve yet, then the driver, and that the identifier has died."""
-    browser.screen(390)
-    browser.open(page.server.url)
-    browser.wait_for("document.getElementById('curve-text').textContent.startsWith('compiling, ')")
-    shown = "document.getElementById('%s').checkVisibility()"
-    assert not browser.evaluate(shown % 'curve-plot')
-    other = graph.add(lambda **options: Node('other', **options))
-    estimates = other.create_publisher(MuscleEstimate, topics.ESTIMATE, qos.ESTIMATE)
-    states = other.create_publisher(DriverStatus, topics.DRIVER_STATUS, qos.STATUS)
-    status = DriverStatus(
-        state=DriverStatus.RUNNING, schedule='ramp', time_left=11.2, dose_pulses=7,
-        dose_energy=2.0, pulses_dropped=3,
-    )  # fmt: skip
-    other.create_timer(0.05, lambda: states.publish(status))
-    alive = other.create_timer(
-        0.05, lambda: estimates.publish(MuscleEstimate(estimator='tracking', unit='N'))
-    )
-    graph.wait_for(lambda: browser.text('#doubt-text') == 'no doubts')
-    assert browser.evaluate(shown % 'curve-plot')
-    # without a pulse there is no error in per cent
-    assert 'no error is stated at rest' in browser.text('#estimate-text')
-    graph.wait_for(lambda: browser.text('#glance').startswith('12 s left of ramp; dose 7 pulses'))
-    assert browser.text('#lost') == '3 dropped, 0 not confirmed'
-    assert browser.text('#next').startswith('Watch the patient')
-    above = "document.getElementById('%s').getBoundingClientRect().bottom < 400"
-    assert all(browser.evaluate(above % name) for name in ('glance', 'lost', 'next'))
-    alive.cancel()
-    graph.wait_for(lambda: browser.text('#alarms').startswith('identifier silent for '))
-    assert browser.evaluate(above % 'alarms')
-    assert browser.text('#doubt-text').startswith('not known')
-    grey = "getComputedStyle(document.getElementById('curve-plot')).filter"
-    assert browser.evaluate(grey) == 'grayscale(1)'
-    assert browser.accessibility_faults() == []
-    # the measured force is drawn over the modelled; at rest the axis is as high as 1 N
-    order = browser.evaluate('plots.made.force.series.map((one) => one.label)')
-    assert order.index('modelled') < order.index('low')
-    low, high = browser.evaluate('plots.made.force.scales.y.range(null, 0.01, 0.02)')
-    assert high - low >= 1.0

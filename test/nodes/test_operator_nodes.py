@@ -205,8 +205,6 @@ def test_the_console_arms_runs_and_disarms(graph, terminal, tmp_path):
     # a machine under load may stall for longer than the default allows
     driver = graph.add(
         StimulatorDriver,
-        executor_timeout=5.0,
-        watch_timeout=5.0,
         stop_button_timeout=5.0,
         heartbeat_timeout=5.0,
         lateness_limit=0.1,

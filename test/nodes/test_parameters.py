@@ -142,11 +142,6 @@ def test_dynamic_changes_are_followed_or_refused_with_a_reason(context: Context)
     assert seen[1:] == [Example(gain=4.0, limit=5.0)]
 
 
-def test_the_dataclass_holds_its_bounds_without_a_node() -> None:
-    with pytest.raises(NodeError, match='count: expected at least 0, got -5'):
-        Example(count=-5)
-
-
 @pytest.mark.parametrize(
     ('given', 'meant'),
     [

@@ -4,13 +4,11 @@
 
 import math
 from collections.abc import Iterator
-from time import monotonic_ns
 
 import numpy as np
 import pytest
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
-from rosgraph_msgs.msg import Clock
 
 from rpms_msgs.msg import MuscleTruth, Pulse as PulseMessage
 from rpms_ros import estimate_messages, messages
@@ -18,7 +16,7 @@ from rpms_ros.errors import NodeError
 from rpms_ros.muscle import Contraction, average_subject
 from rpms_ros.nodes.common import qos
 from rpms_ros.nodes.common.topics import MESSAGE_TYPES
-from rpms_ros.nodes.plant_simulator import PlantParameters, PlantSimulator, scenario_of, subject_of
+from rpms_ros.nodes.plant_simulator import PlantParameters, PlantSimulator, scenario_of
 from rpms_ros.pulses import Pulse
 
 
@@ -120,28 +118,6 @@ def test_a_pulse_that_cannot_be_is_counted_and_has_no_effect(
     assert not any(laboratory.forces)
 
 
-def test_its_own_clock_runs_at_the_factor(graph) -> None:
-    laboratory = Laboratory(graph, publish_clock=True, real_time_factor=5.0, rate=100.0)
-    clock: list[tuple[int, int]] = []
-    laboratory.probe.create_subscription(
-        Clock,
-        '/clock',
-        lambda message: clock.append((messages.nanoseconds(message.clock), monotonic_ns())),
-        qos.CLOCK,
-    )
-
-    def at_the_factor() -> bool:
-        """From a second on; the longer, the less it matters when the two ends were heard."""
-        (first, began), (last, now) = clock[0], clock[-1]
-        return now - began > 10**9 and abs((last - first) / (now - began) / 5.0 - 1.0) < 0.05
-
-    laboratory.graph.wait_for(lambda: len(clock) > 1 and at_the_factor())
-    simulated = np.array([time for time, _ in clock])
-    assert (np.diff(simulated) >= 0).all()
-    assert set(np.diff(laboratory.stamps).tolist()) == {10_000_000}
-    assert abs(laboratory.stamps[-1] - simulated[-1]) < 10**9
-
-
 def test_no_sample_comes_before_enough_listen(graph) -> None:
     plant = graph.add(PlantSimulator, minimum_subscribers=1)
     begun = plant.get_clock().now().nanoseconds
@@ -158,18 +134,9 @@ def test_no_sample_comes_before_enough_listen(graph) -> None:
     assert stamps[0] > begun + 100_000_000
 
 
-def test_presets_are_changed_where_a_parameter_says_so() -> None:
-    assert subject_of(PlantParameters()) == average_subject()
-    assert subject_of(PlantParameters(maximum_force=20.0)).maximum_force == 20.0
-    assert subject_of(PlantParameters(subject='random', seed=3)) == subject_of(
-        PlantParameters(subject='random', seed=3)
-    )
-
-
 @pytest.mark.parametrize(
     ('values', 'message'),
     [
-        ({'real_time_factor': 2.0}, r'expected publish_clock with a real_time_factor .* got 2\.0'),
         ({'maximum_force': 0.0}, r'maximum force above 0 N, got 0\.0'),
     ],
 )

@@ -10,7 +10,6 @@ from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
 from rclpy.qos import ReliabilityPolicy
 
-from rpms_msgs.msg import DriverStatus
 from rpms_ros import messages
 from rpms_ros.errors import NodeError
 from rpms_ros.nodes.common import qos
@@ -31,14 +30,6 @@ def built(kind: type[Node], tmp_path: Path) -> Callable[..., Node]:
     path = [f'path:={tmp_path / "session"}']
     arguments = [part for value in path for part in ('-p', value)]
     return lambda **options: Recorder(cli_args=['--ros-args', *arguments], **options)
-
-
-def test_a_live_page_may_be_told_to_hear_reliably(graph, tmp_path: Path) -> None:
-    page = graph.add(built(LivePage, tmp_path), **{RELIABILITY: 'reliable'})
-    (info,) = page.get_subscriptions_info_by_topic('/force')
-    assert info.qos_profile.reliability is ReliabilityPolicy.RELIABLE
-    (info,) = page.get_subscriptions_info_by_topic('/pulses')
-    assert info.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT
 
 
 @pytest.mark.parametrize('kind', [Identifier, Recorder, LivePage])
@@ -111,16 +102,3 @@ def test_a_recorder_hears_a_best_effort_sensor_without_being_told(
     assert '/force is published best effort: it is recorded' in said
     recorder.close()
     assert f'closed {recorder.path}: ' in ''.join(capfd.readouterr())
-
-
-def test_a_burst_of_states_is_heard_in_full(graph) -> None:
-    driver = graph.add(lambda **options: Node('talker', **options))
-    other = graph.add(lambda **options: Node('listener', **options))
-    heard: list[DriverStatus] = []
-    status = driver.create_publisher(DriverStatus, 'driver_status', qos.STATUS)
-    other.create_subscription(DriverStatus, 'driver_status', heard.append, qos.STATUS)
-    graph.wait_for(lambda: status.get_subscription_count() == 1)
-    for number in range(50):
-        status.publish(DriverStatus(pulses_delivered=number))
-    graph.wait_for(lambda: len(heard) == 50)
-    assert [message.pulses_delivered for message in heard] == list(range(50))

@@ -99,29 +99,6 @@ def check_order(recording: Recording) -> None:
     np.testing.assert_array_equal(recording.pulses.onset_ns, SAMPLES_PER_PULSE * np.arange(pulses))
 
 
-@pytest.mark.long
-def test_nothing_is_lost_at_5_khz(
-    source: Source,
-    domain: int,
-    tmp_path: Path,
-    wait_for: Callable[..., None],
-    recorded: Callable[[Path], int],
-) -> None:
-    path = tmp_path / 'session'
-    with recorder(path, domain) as process:
-        wait_for(source.is_heard, 60.0)
-        source.send_for(1.0, wait_for)
-        # Not stopped before it has had time to take what waits for it.
-        wait_for(lambda: recorded(path) == len(source.sent))
-        process.send_signal(signal.SIGINT)
-        assert process.wait(60.0) == 0
-    recording = read_recording(path)
-    assert (path / 'metadata.yaml').exists()
-    assert len(recording.forces) == RATE
-    assert len(recording.pulses) == RATE // SAMPLES_PER_PULSE
-    check_order(recording)
-
-
 def test_a_kill_costs_nothing_that_was_flushed(
     source: Source,
     domain: int,

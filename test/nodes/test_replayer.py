@@ -11,7 +11,6 @@ from rclpy.node import Node
 
 from rpms_msgs.msg import MuscleEstimate, Pulse as PulseMessage
 from rpms_ros import messages
-from rpms_ros.errors import NodeError
 from rpms_ros.muscle import Contraction, simulation_subject
 from rpms_ros.nodes import replay as module
 from rpms_ros.nodes.common import qos
@@ -124,14 +123,3 @@ def test_what_nobody_answers_is_sent_after_a_while(
         pass
     graph.wait_for(lambda: player.step() > 0)
     assert 100 < player.sent <= 200
-
-
-@pytest.mark.parametrize('factor', [-1.0, float('nan')])
-def test_a_factor_that_cannot_be_is_refused(recording: Recording, factor: float) -> None:
-    with pytest.raises(NodeError, match=f'factor of 0 or above, got {factor}'):
-        replay(recording, factor=factor)
-
-
-def test_a_parameter_that_does_not_exist_is_refused(recording: Recording) -> None:
-    with pytest.raises(NodeError, match='parameters of the identifier, got'):
-        replay(recording, {'colour': 'red'})

@@ -8,21 +8,15 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
 
-import rpms_ros
 from rpms_ros.errors import NodeError
 from rpms_ros.nodes import executables
-from rpms_ros.nodes.common.parameters import descriptions, is_for, nodes_of, without_effect
-from rpms_ros.nodes.common.runner import run
-from rpms_ros.nodes.identifier import Identifier
-from rpms_ros.nodes.operator_console import OperatorConsole
-from rpms_ros.nodes.stimulator_driver import StimulatorDriver
+from rpms_ros.nodes.common.parameters import is_for, nodes_of
 
 # of a process that imports and ends on a machine under load [s]
 PATIENCE = 120.0
@@ -144,32 +138,10 @@ def test_a_file_that_has_nothing_for_the_node_is_named(domain: int, tmp_path: Pa
         assert level in line
 
 
-def test_what_is_no_value_of_yaml_is_text_for_rcl_and_no_fault(
-    context: Context, tmp_path: Path
-) -> None:
-    # 13 is no month, and PyYAML refuses it as a date
-    file = tmp_path / 'one.yaml'
-    file.write_text('other:\n  ros__parameters: {session: 2001-13-45}\n')
-    arguments = ['--ros-args', '--params-file', str(file)]
-    Node('other', context=context, cli_args=arguments, use_global_arguments=False).destroy_node()
-    (line,) = without_effect(arguments, '/node')
-    assert line == f'{file} has parameters for /other and nothing for /node'
-
-
 def test_a_file_that_cannot_be_read_twice_is_not_waited_for(tmp_path: Path) -> None:
     pipe = tmp_path / 'pipe'
     os.mkfifo(pipe)
     assert nodes_of(pipe) == []
-
-
-def test_a_file_whose_name_is_no_text_is_named(tmp_path: Path) -> None:
-    file = tmp_path / os.fsdecode(b'\xff.yaml')
-    file.write_text('other:\n  ros__parameters: {rate: 2.5}\n')
-    (line,) = without_effect(['--params-file', str(file)], '/node')
-    assert (
-        line.encode()
-        == f'{tmp_path}/?.yaml has parameters for /other and nothing for /node'.encode()
-    )
 
 
 @pytest.mark.parametrize(
@@ -284,33 +256,6 @@ def test_help_tells_the_parameters_and_starts_nothing(domain: int) -> None:
     assert (process.returncode, errors) == (0, '')
     assert '  rate  Rate. ([Hz] at least 1.0; default 20.0)\n' in out
     assert 'running' not in out
-
-
-def test_the_version_is_told_and_nothing_started(domain: int) -> None:
-    with start(domain, '--version') as process:
-        out, errors = process.communicate(timeout=PATIENCE)
-    assert (process.returncode, out, errors) == (0, f'rpms_ros {rpms_ros.__version__}\n', '')
-
-
-@pytest.mark.parametrize('kind', [Identifier, StimulatorDriver, OperatorConsole])
-def test_the_help_of_a_node_fits_into_a_terminal(
-    kind: Any, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setenv('COLUMNS', '80')
-    with pytest.raises(SystemExit, match='0'):
-        run(kind, ['node', '--help'])
-    out = capsys.readouterr().out
-    assert max(map(len, out.splitlines())) <= 80
-    for name, description in descriptions(kind.settings_type).items():
-        assert f'  {name} ' in out
-        assert description.doc.split()[0] in out
-
-
-def test_an_option_that_is_not_of_ros_is_refused(domain: int) -> None:
-    with start(domain, '--rate', '20') as process:
-        out, errors = process.communicate(timeout=PATIENCE)
-    assert (process.returncode, out) == (2, '')
-    assert 'unrecognized arguments: --rate 20' in errors
 
 
 NAMES = ('identifier', 'live_page', 'operator_console', 'plant_simulator', 'recorder')

@@ -86,8 +86,6 @@ def test_a_lab_can_compose_the_nodes_in_one_process(graph, schedule_file) -> Non
         require_stop_button=False,
         minimum_subscribers=2,
         schedule_file=schedule_file(Schedule((UniformRandom(20.0, 2.0, low=0.4),), seed=1)),
-        executor_timeout=5.0,
-        watch_timeout=5.0,
     )
     graph.wait_for(lambda: bool(estimates) and estimates[-1].pulses >= 20)
     graph.wait_for(lambda: estimates[-1].samples >= 2000)
@@ -171,17 +169,6 @@ def test_a_demo_whose_driver_stops_says_so(tmp_path: Path, wait_for: Callable[..
     assert 'expected a sign of life within 2 s, got none for' in out
 
 
-def test_a_demo_of_a_scenario_that_is_none_starts_nothing(tmp_path: Path) -> None:
-    folder = tmp_path / 'demo'
-    done = subprocess.run(
-        [*RPMS, 'demo', '--scenario', 'picnic', '--out', str(folder)],
-        text=True, capture_output=True, check=False, timeout=250,
-    )  # fmt: skip
-    assert done.returncode == 2
-    assert 'expected a scenario of bad-sensor, coil-moved' in done.stderr
-    assert not folder.exists()
-
-
 @pytest.mark.parametrize('stop', [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
 def test_no_process_is_left_behind(
     tmp_path: Path, wait_for: Callable[..., None], stop: signal.Signals
@@ -214,12 +201,3 @@ def test_a_process_that_ends_too_early_is_named_with_its_last_words(tmp_path: Pa
     ):
         launcher.step(30.0)
     assert processes_of(tmp_path) == []
-
-
-def test_a_folder_that_exists_is_not_overwritten(tmp_path: Path) -> None:
-    settings = SimulationSettings(plant={}, driver={}, identifier={})
-    with (
-        pytest.raises(NodeError, match=f'expected a new folder {tmp_path}, got'),
-        SimulationLauncher(tmp_path, settings),
-    ):
-        pass

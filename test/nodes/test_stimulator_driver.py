@@ -5,7 +5,6 @@
 import asyncio
 import math
 import os
-import random
 import subprocess
 import sys
 import time
@@ -167,8 +166,6 @@ def test_autostart_waits_for_its_listeners(graph, schedule_file):
         StimulatorDriver,
         require_operator=False,
         require_stop_button=False,
-        executor_timeout=5.0,
-        watch_timeout=5.0,
         lateness_limit=0.1,
         autostart=True,
         schedule_file=schedule_file(constant(0.5, 0.2, 50.0)),
@@ -218,8 +215,6 @@ def test_two_simulated_drivers_of_one_busy_process_go_on(graph, wait_for, schedu
     usual = {
         'require_operator': False,
         'require_stop_button': False,
-        'executor_timeout': 0.5,
-        'watch_timeout': 0.1,
         'lateness_limit': 0.1,
         'autostart': True,
         'minimum_subscribers': 0,
@@ -236,32 +231,6 @@ def test_two_simulated_drivers_of_one_busy_process_go_on(graph, wait_for, schedu
     given = max(driver.controller.delivered for driver in drivers)
     graph.wait_for(lambda: all(one.controller.delivered > given + 50 for one in drivers))
     assert not any(driver.controller.interlocks.latched for driver in drivers)
-
-
-def test_the_status_comes_at_its_rate_however_the_ticks_jitter(graph):
-    driver = graph.add(StimulatorDriver)
-    reports, sent, chance = driver._reports, [], random.Random(1)
-    reports._status = SimpleNamespace(publish=sent.append)
-    stamp = driver.get_clock().now().to_msg()
-    for tick in range(400):
-        reports.publish(stamp, 10**18 + tick * 50_000_000 + chance.randrange(2_000_000))
-    assert 198 <= len(sent) <= 203
-
-
-@pytest.mark.parametrize('reached', ['configured', 'armed'])
-def test_autostart_goes_on_where_somebody_has_begun_by_hand(
-    driver_bench, graph, reached, schedule_file
-):
-    train = schedule_file(constant(0.5, 0.2, 50.0))
-    lab = driver_bench(autostart=True, schedule_file=train, minimum_subscribers=2)
-    if reached == 'configured':
-        assert lab.change(Transition.TRANSITION_CONFIGURE)
-    else:
-        lab.activate()
-    second = graph.add(lambda **options: Node('second', **options))
-    second.create_subscription(Pulse, topics.PULSES, lambda _: None, qos.PULSES)
-    graph.wait_for(lambda: len(lab.pulses) == 10)
-    graph.wait_for(lambda: lab.driver.controller.reason == 'completed')
 
 
 @pytest.mark.parametrize(

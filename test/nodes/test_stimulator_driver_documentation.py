@@ -11,7 +11,7 @@ import yaml
 from rpms_ros.nodes.common.parameters import descriptions
 from rpms_ros.nodes.driver.parameters import DriverParameters
 from rpms_ros.schedule_messages import schedule_of
-from rpms_ros.stimulation import SEGMENT_KINDS, schedule_from_text
+from rpms_ros.stimulation import schedule_from_text
 from rpms_ros.stimulation.driver.states import TRANSITIONS, Command, State
 from rpms_ros.stimulation.limits.patient import patient_from_mapping
 from rpms_ros.stimulation.schedule.description import from_text
@@ -63,10 +63,6 @@ def test_the_goal_on_the_page_is_three_trains_and_their_pauses():
     schedule = schedule_of(found['goal'].typed_schedule)
     # each: 2 s of pulses at 20 Hz, then 5 s without
     assert (schedule.totals.pulses, schedule.totals.duration) == (120, 21.0)
-
-
-def test_the_page_names_every_kind_of_segment():
-    assert all(f'`{kind}`' in PAGE for kind in SEGMENT_KINDS)
 
 
 def test_the_file_of_parameters_is_complete_and_names_defaults():

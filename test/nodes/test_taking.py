@@ -8,7 +8,6 @@ from std_msgs.msg import Bool
 
 from rpms_ros.errors import NodeError
 from rpms_ros.nodes.common import qos
-from rpms_ros.nodes.common.qos import drained
 from rpms_ros.nodes.driver import watch
 from rpms_ros.nodes.driver.watch import Taker, publishers_of
 
@@ -32,23 +31,6 @@ def test_a_message_comes_with_the_publisher_that_the_graph_shows(graph, wait_for
             assert taken.sequence == number
             assert taken.data == bytes([0, 1, 0, 0, state])
     taker.close()
-    silent.destroy_node()
-
-
-def test_waiting_messages_are_taken_with_their_numbers(graph):
-    silent = Node('silent', context=graph.context, use_global_arguments=False)
-    subscription = silent.create_subscription(Bool, 'said', lambda _: None, qos.STOP_LIVE)
-    speaker = graph.add(lambda **options: Node('speaker', **options))
-    publisher = speaker.create_publisher(Bool, 'said', qos.STOP)
-    graph.wait_for(lambda: publisher.get_subscription_count() == 1)
-    assert drained(subscription) == drained(None) == []
-    sent = [bytes([0, 1, 0, 0, index % 3 == 0]) for index in range(5)]
-    for data in sent:
-        publisher.publish(Bool(data=bool(data[-1])))
-    found = []
-    graph.wait_for(lambda: found.extend(drained(subscription)) or len(found) == 5)
-    assert [(one.data, one.sequence) for one in found] == list(zip(sent, range(1, 6), strict=True))
-    assert all(one.received_ns > 0 for one in found)
     silent.destroy_node()
 
 

@@ -12,9 +12,7 @@ import pytest
 from geometry_msgs.msg import WrenchStamped
 
 from rpms_msgs.msg import DriverStatus, MuscleEstimate, Pulse
-from rpms_ros.muscle.recruitment import PARAMETER_NAMES
 from rpms_ros.nodes.common import topics
-from rpms_ros.nodes.recorder import RecorderParameters
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config'
 TYPES = {
@@ -90,14 +88,3 @@ def test_plotjuggler_shows_numbers_that_exist(plotjuggler: ET.Element) -> None:
         _, topic, *fields = name.split('/')
         assert NUMBER.fullmatch(kind_of(topic, fields)), name
     assert {name.split('/')[1] for name in names} == set(TYPES)
-
-
-def test_the_parameters_are_labelled_in_their_order(foxglove: dict[str, Any]) -> None:
-    panels = foxglove['configById']
-    paths = panels['Plot!intensities']['paths'] + panels['Plot!slopes']['paths']
-    assert tuple(path['label'] for path in paths) == PARAMETER_NAMES
-    assert [path['value'] for path in paths] == [f'/estimate.nonlinear[{i}]' for i in range(4)]
-
-
-def test_the_recorder_records_what_is_shown() -> None:
-    assert set(TYPES) <= set(RecorderParameters().topics)

@@ -214,15 +214,6 @@ def test_idleness_counts_from_arming_for_the_forecast_too(virtual):
         driver.controller.start(Schedule((Single(duration_s=1.0), Pause(5.0))))
 
 
-def test_every_rate_exactly_at_its_limit_is_delivered(virtual):
-    # 66,666,667 ns against periods of 66,666,666 and 66,666,667 ns
-    for rate in (15.0, 30.0, 66.6, 23.7):
-        driver = virtual(Limits(maximum_rate_hz=rate, interval_tolerance_s=0.0)).armed()
-        run = driver.controller.start(constant(0.5, 5.0, rate))
-        driver.advance(6.0)
-        assert run.completed, (rate, run.ended)
-
-
 def test_bound_on_the_intensity_can_be_lowered_while_running(running):
     controller = running.controller
     controller.tighten(0.6)
@@ -242,14 +233,6 @@ def test_bound_on_the_intensity_can_be_lowered_while_running(running):
     controller.tighten(1.0)
     with pytest.raises(StimulationError, match=r'expected a share in \[0, 1\], got 1.1'):
         controller.tighten(1.1)
-
-
-def test_schedule_in_steps_keeps_one_number_for_a_ramp(virtual):
-    driver = virtual(steps=100).armed()
-    steps = tuple(Constant(20.0, 0.1, intensity=value) for value in (0.333, 0.666, 0.999))
-    driver.controller.start(Schedule(steps))
-    driver.advance(1.0)
-    assert [value for _, value in driver.device.commands] == [0.33, 0.33, 0.66, 0.66, 0.99, 0.99]
 
 
 def test_a_trigger_may_be_written_until_its_pulse_would_be_too_late(virtual):

@@ -77,31 +77,6 @@ def test_lateness_within_the_limit_is_measured(driver_in):
     assert driver.controller.lateness.mean_s == pytest.approx(2e-3, abs=1e-12)
 
 
-@pytest.mark.parametrize(
-    ('faults', 'name'),
-    [
-        (SimulatedFaults(silent_loss=1.0), 'lost'),
-        (SimulatedFaults(extra_intensity=-0.1), 'intensity'),
-        (SimulatedFaults(extra_intensity=0.1), 'intensity'),
-        (SimulatedFaults(slow_s=0.15), 'slow'),
-        (SimulatedFaults(vanish_after=1), 'device'),
-    ],
-)
-def test_difference_between_commanded_and_delivered_is_a_fault(faults, name, driver_in):
-    driver = driver_in(State.RUNNING)
-    driver.advance(0.2)
-    before = len(driver.device.commands)
-    driver.faults = faults
-    driver.advance(1.0)
-    assert driver.controller.state is State.FAULT
-    assert driver.controller.fault_counts() == {name: 1}
-    assert len(driver.device.commands) - before <= 1
-    assert not driver.device.armed
-    assert driver.controller.run.ended == driver.controller.reason
-    with pytest.raises(StimulationError, match='start: expected state ARMED, got FAULT'):
-        driver.controller.start(TRAIN)
-
-
 def test_device_that_vanishes_while_nothing_fires_is_noticed(driver_in):
     driver = driver_in(State.DISARMED)
     driver.device.keep_alive()
@@ -125,23 +100,6 @@ def test_device_that_cannot_be_disarmed_is_left_to_its_own_watchdog(driver_in):
     driver.advance(2.0)
     assert driver.device._last_sign_ns == before
     assert driver.device.commands == []
-
-
-def test_device_that_cannot_be_closed_is_let_go(driver_in):
-    driver = driver_in(State.DISARMED)
-    driver.controller.device.close = vanished
-    driver.controller.cleanup()
-    assert driver.controller.state is State.UNCONFIGURED
-    assert driver.controller.reason == 'device closed; expected the device, got nothing'
-
-
-@pytest.mark.parametrize('call', ['open', 'arm'])
-def test_device_that_does_not_answer(call, driver_in):
-    driver = driver_in(State.UNCONFIGURED)
-    setattr(driver.controller.device, call, vanished)
-    with pytest.raises(DeviceError, match='expected the device, got nothing'):
-        driver.armed()
-    assert driver.controller.state is (State.UNCONFIGURED if call == 'open' else State.FAULT)
 
 
 def test_idle_driver_disarms_itself(virtual):
@@ -347,13 +305,6 @@ def test_a_stop_between_two_lines_of_the_owner_keeps_it_from_firing(driver_in):
     assert not driver.controller._permitted(run)
 
 
-def test_stop_keeps_its_first_cause(driver_in):
-    driver = driver_in(State.RUNNING)
-    driver.controller.stop('one', 'first')
-    driver.controller.stop('two', 'second')
-    assert driver.controller.interlocks.latched_reason == 'first'
-
-
 def test_a_run_is_told_once_nothing_stands_against_it_and_before_its_first_pulse(virtual):
     driver = virtual().armed()
     told = []
@@ -387,3 +338,36 @@ def test_a_schedule_that_takes_too_long_to_look_at_is_refused(virtual):
     with pytest.raises(Refused, match='schedule_pulses: expected at most 40000 pulses in a sched'):
         driver.controller.start(constant(0.5, 401.0, 100.0))
     assert driver.controller.state is State.ARMED
+
+
+@pytest.mark.parametrize(
+    ('faults', 'name'),
+    [
+        (SimulatedFaults(silent_loss=1.0), 'lost'),
+        (SimulatedFaults(extra_intensity=-0.1), 'intensity'),
+        (SimulatedFaults(extra_intensity=0.1), 'intensity'),
+        (SimulatedFaults(slow_s=0.15), 'slow'),
+        (SimulatedFaults(vanish_after=1), 'device'),
+    ],
+)
+def test_difference_between_commanded_and_delivered_is_a_fault(faults, name, driver_in):
+    driver = driver_in(State.RUNNING)
+    driver.advance(0.2)
+    before = len(driver.device.commands)
+    driver.faults = faults
+    driver.advance(1.0)
+    assert driver.controller.state is State.FAULT
+    assert driver.controller.fault_counts() == {name: 1}
+    assert len(driver.device.commands) - before <= 1
+    assert not driver.device.armed
+    assert driver.controller.run.ended == driver.controller.reason
+    with pytest.raises(StimulationError, match='start: expected state ARMED, got FAULT'):
+        driver.controller.start(TRAIN)
+
+
+def test_device_that_cannot_be_closed_is_let_go(driver_in):
+    driver = driver_in(State.DISARMED)
+    driver.controller.device.close = vanished
+    driver.controller.cleanup()
+    assert driver.controller.state is State.UNCONFIGURED
+    assert driver.controller.reason == 'device closed; expected the device, got nothing'

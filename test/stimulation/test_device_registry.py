@@ -2,14 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Devices by name, one of them from a distribution outside of the package."""
 
-import dataclasses
-import re
-from pathlib import Path
-
 import pytest
 
 from rpms_ros.errors import StimulationError
-from rpms_ros.stimulation.devices import SimulatedDevice, registry, registry as interface
+from rpms_ros.stimulation.devices import SimulatedDevice, registry
 from rpms_ros.stimulation.devices.registry import DeviceOptions
 from rpms_ros.stimulation.devices.serial_line import SerialDevice
 
@@ -118,18 +114,3 @@ def test_device_that_cannot_be_had(distribution, target, match):
     distribution(f'acme = {target}')
     with pytest.raises(StimulationError, match=match):
         registry.build_device('acme', DeviceOptions())
-
-
-def test_the_walk_names_what_there_is():
-    root = Path(__file__).resolve().parents[2]
-    page = (root / 'CONTRIBUTING.md').read_text()
-    (walk,) = re.findall(r'## A new device\n(.*?)\n## ', page, re.DOTALL)
-    assert f'[project.entry-points."{registry.GROUP}"]' in walk
-    assert all(f'`{field.name}`' in walk for field in dataclasses.fields(DeviceOptions))
-    for path in re.findall(r'`(test/\S+?)`|\]\((docs/[^)#\s]+)', walk):
-        assert (root / ''.join(path)).is_file()
-    # methods and properties of a device, and what the interface has beside it
-    named = set(re.findall(r'`(\w+)`', walk)) - {'device_specification', 'latest_ns'}
-    named -= {field.name for field in dataclasses.fields(DeviceOptions)}
-    places = (SerialDevice, interface, registry)
-    assert [name for name in named if not any(hasattr(place, name) for place in places)] == []

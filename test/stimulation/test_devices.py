@@ -7,9 +7,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from rpms_ros.stimulation.devices import (
-    DeviceError,
     SimulatedDevice,
-    SimulatedFaults,
     TooLate,
     WireTimes,
 )
@@ -46,44 +44,6 @@ def ready(**options):
     device.arm()
     device.prepare(0.5)
     return device, now
-
-
-@pytest.mark.parametrize('flag', ['coil_absent', 'replace_coil', 'error', 'not_ready'])
-def test_what_the_device_says_of_itself_is_in_every_answer(flag):
-    device, _ = ready(faults=SimulatedFaults(**{flag: True}))
-    status = device.keep_alive()
-    said = {
-        'coil_absent': not status.coil_present,
-        'replace_coil': status.replace_coil,
-        'error': status.error,
-        'not_ready': not status.ready,
-    }
-    assert [name for name, is_said in said.items() if is_said] == [flag]
-    assert device.prepare(0.5) == status
-    with pytest.raises(DeviceError, match='expected a device in order with a coil, got'):
-        device.fire(0.5, WIDTH)
-    assert not device.fired
-
-
-def test_foreign_intensity_is_read_back_and_fired():
-    device, _ = ready(faults=SimulatedFaults(foreign_intensity=1.0))
-    assert device.prepare(0.2).intensity == 1.0
-    assert device.fire(0.2, WIDTH).intensity == 1.0
-
-
-def test_device_that_disarms_by_itself_says_so_and_gives_nothing():
-    device, _ = ready(faults=SimulatedFaults(disarms=True))
-    assert not device.keep_alive().armed
-    assert device.fire(0.5, WIDTH) is None
-
-
-def test_rest_is_intensity_zero_and_silence_is_disarmed_too():
-    device, _ = ready()
-    device.rest()
-    assert (device.intensity, device.armed) == (0.0, True)
-    device.prepare(0.5)
-    device.silence()
-    assert (device.intensity, device.armed) == (0.0, False)
 
 
 def test_exchanges_take_their_time_on_the_wire():

@@ -3,7 +3,6 @@
 """Forecasts: what public figures say of the paper's excitations, and specifications."""
 
 import dataclasses
-import math
 import re
 
 import numpy as np
@@ -21,7 +20,6 @@ from rpms_ros.stimulation import (
 from rpms_ros.stimulation.limits.coil_temperature import CoilTemperature, CoilThermal
 from rpms_ros.stimulation.limits.device_specification import (
     load_device_specification,
-    profile_names,
 )
 from rpms_ros.stimulation.limits.forecast import Trial, forecast, forecast_plan
 from rpms_ros.stimulation.limits.limiter import PulseLimiter
@@ -84,15 +82,6 @@ def test_each_limit_is_named(schedule, limit):
     assert limits_broken(schedule) == expected
 
 
-def test_coil_warms_by_its_pulses_and_cools_in_between():
-    thermal = CoilThermal(20.0, 0.5, 100.0, 10.0, 40.0)
-    coil = CoilTemperature(thermal)
-    assert coil.heat(SECOND, 200.0) == pytest.approx(21.0, abs=1e-12)
-    assert coil.at(11 * SECOND) == pytest.approx(20.0 + math.exp(-1.0), abs=1e-12)
-    coil.measured(11 * SECOND, 35.0)
-    assert coil.at(21 * SECOND) == pytest.approx(20.0 + 15.0 * math.exp(-1.0), abs=1e-12)
-
-
 def test_a_coil_that_is_hardly_too_warm_is_told_from_its_limit():
     cutout = forecast(constant(0.3, 1.0, 20.0), WARM).highest_temperature - 1e-4
     warm = dataclasses.replace(WARM, thermal=dataclasses.replace(WARM.thermal, cutout=cutout))
@@ -122,25 +111,6 @@ def test_coil_reaches_the_mean_of_its_power():
         celsius = coil.heat(pulse * SECOND // 10, 2.0)
     # s P tau / C = 0.5 * 20 W * 10 s / 100 J/K = 1 K; a pulse is 0.01 K of ripple
     assert celsius == pytest.approx(21.0, abs=0.01)
-
-
-def test_every_figure_of_a_profile_has_its_source():
-    for name in profile_names():
-        specification = load_device_specification(name)
-        assert specification.name == name
-        assert specification.description
-        assert all(specification.sources.values())
-    assert RAPID.limits.pulse_energy_j == 252.0
-    assert RAPID.limits.window_energy_j == 63_000.0
-    assert not RAPID.simulated_only
-
-
-def test_forecast_of_silence():
-    silent = forecast(Schedule((Pause(3.0),)), RAPID)
-    assert silent.deliverable
-    assert (silent.pulses, silent.energy_j, silent.max_rate_hz) == (0, 0.0, 0.0)
-    assert silent.waits_s == ()
-    assert np.array_equal(silent.temperature, [])
 
 
 def test_every_rate_at_its_limit_can_go_on_for_ever():

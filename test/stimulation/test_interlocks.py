@@ -88,16 +88,6 @@ def test_latch_lets_go_only_with_its_causes_gone():
     assert interlocks.latched_reason == ''
 
 
-def test_one_more_sign_of_life_can_be_asked_for():
-    interlocks = Interlocks({})
-    assert interlocks.problem(0) is None
-    interlocks.require('watch', 0.2)
-    assert interlocks.problem(0) == ('watch', 'watch: expected a sign of life, got none yet')
-    interlocks.seen('watch', 0)
-    assert interlocks.problem(SECOND // 5) is None
-    assert interlocks.problem(SECOND // 5 + 1) is not None
-
-
 @pytest.mark.parametrize('offset_ns', [0, -NOW, 1000 * SECOND])
 def test_heartbeat_counts_on_whatever_clock_it_is_stamped(offset_ns):
     heartbeat = Heartbeat(0.5)

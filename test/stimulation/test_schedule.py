@@ -16,13 +16,11 @@ from rpms_ros.stimulation import (
     Schedule,
     Single,
     UniformRandom,
-    constant,
     load_schedule,
     paper_random,
     paper_sinusoid,
     schedule_from_text,
     schedule_to_text,
-    staircase,
 )
 
 SIMPLE = st.one_of(
@@ -101,12 +99,6 @@ def test_the_paper_excitations():
     assert np.mean(sinusoid.plan.intensity**2) == pytest.approx(3 / 8, abs=1e-12)
 
 
-def test_everyday_excitations():
-    steps = staircase((0.2, 0.4), step_s=1.0, rate_hz=10.0)
-    assert steps.plan.intensity.tolist() == [0.2] * 10 + [0.4] * 10
-    assert constant(0.3, 2.0, 10.0).plan.intensity.tolist() == [0.3] * 20
-
-
 def nested(depth):
     inner = '{kind: single}'
     for _ in range(depth):
@@ -183,11 +175,6 @@ def many(segment):
 def test_malformed_text_is_refused_with_its_place(text, fault):
     with pytest.raises(StimulationError, match=fault):
         schedule_from_text(text)
-
-
-def test_numbers_that_yaml_takes_for_text_are_read():
-    text = 'width_s: 100e-6\nsegments: [{kind: single}]'
-    assert schedule_from_text(text).width_s == 100e-6
 
 
 def test_every_kind_can_be_described():

@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given, strategies as st
 
 from rpms_ros.errors import StimulationError
-from rpms_ros.pulses import PulseTrain
 from rpms_ros.stimulation import (
     Constant,
     Doublet,
@@ -31,13 +30,6 @@ DURATIONS = st.floats(0.01, 20.0)
 
 def intensities(segment):
     return Schedule((segment,)).plan.intensity
-
-
-@given(rate=RATES, duration=DURATIONS)
-def test_constant_rate_is_the_regular_train(rate, duration):
-    segment = Constant(rate_hz=rate, duration_s=duration)
-    regular = PulseTrain.regular(np.ones(segment.pulse_count), rate)
-    assert np.array_equal(segment.onsets_ns(), regular.onset_ns)
 
 
 @given(rate=RATES, final=RATES, duration=DURATIONS)
@@ -109,13 +101,6 @@ def test_maximal_sequence_visits_every_level_alike(symbols, order):
     assert all(counts[symbol] == each for symbol in range(1, symbols))
 
 
-def test_maximal_sequence_needs_a_prime():
-    with pytest.raises(
-        StimulationError, match='expected 2, 3, 5 or 7 levels and 1 to 4 cells, got 4'
-    ):
-        maximal_sequence(4, 2)
-
-
 def test_multilevel_holds_its_levels():
     segment = MultilevelPRBS(
         rate_hz=20.0, duration_s=31.0, low=0.2, high=1.0, hold_pulses=5, level_count=5
@@ -132,12 +117,6 @@ def test_volleys():
         0, 20_000_000, 40_000_000, 60_000_000,
     ]  # fmt: skip
     assert intensities(PulseBurst(count=4, intensity=0.3)).tolist() == [0.3] * 4
-
-
-def test_pause_is_silent():
-    plan = Schedule((Pause(duration_s=3.0),)).plan
-    assert len(plan) == 0
-    assert plan.duration_ns == 3_000_000_000
 
 
 @pytest.mark.parametrize(

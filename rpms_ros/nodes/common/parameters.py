@@ -273,10 +273,16 @@ def _warn_of_unknown(node: Node, given: dict[str, Parameter], known: list[str]) 
         logger_of(node).warning(f'parameter {name} is unknown here and ignored')
 
 
-def follow_parameters(node: Node, current: Settings, apply: Callable[[Settings], None]) -> None:
+def follow_parameters(
+    node: Node,
+    current: Settings,
+    apply: Callable[[Settings], None],
+    allow: Callable[[Settings], object] = bool,
+) -> None:
     """Call `apply` with the new parameters whenever dynamic ones have changed.
 
-    A change that violates a bound or a condition on several fields is refused with its reason.
+    A change that violates a bound or a condition on several fields, or for which `allow` raises
+    RpmsError, is refused with its reason.
     """
     known = set(descriptions(type(current)))
     latest = current
@@ -291,9 +297,11 @@ def follow_parameters(node: Node, current: Settings, apply: Callable[[Settings],
 
     def check(parameters: list[Parameter]) -> SetParametersResult:
         try:
-            changed(parameters)
+            asked = changed(parameters)
+            if asked != latest:
+                allow(asked)
         except RpmsError as error:
-            return SetParametersResult(successful=False, reason=str(error))
+            return SetParametersResult(successful=False, reason=plain_text(error))
         return SetParametersResult(successful=True)
 
     def keep(parameters: list[Parameter]) -> None:

@@ -72,9 +72,6 @@ STATUS_LATEST = _profile(1, DurabilityPolicy.TRANSIENT_LOCAL)
 # The running schedule, also for a recorder that is started after it.
 ACCEPTED_SCHEDULE = _profile(1, DurabilityPolicy.TRANSIENT_LOCAL)
 
-# As the subscription of use_sim_time expects: only the newest time matters.
-CLOCK = _profile(1, reliability=ReliabilityPolicy.BEST_EFFORT)
-
 # Of a joystick: a press that is released again within a stall counts too.
 JOYSTICK = _profile(100, reliability=ReliabilityPolicy.BEST_EFFORT)
 

@@ -63,12 +63,8 @@ class GoalRefused(StimulationError):
         self.code = code
 
 
-def code_of(error: RpmsError) -> int:
+def code_of(error: RpmsError) -> Any:
     """Return the error code of a goal that was refused because of `error`."""
-    return int(_code_of(error))
-
-
-def _code_of(error: RpmsError) -> Any:
     if isinstance(error, GoalRefused):
         return error.code
     if not isinstance(error, Refused):
@@ -132,7 +128,8 @@ class ScheduleAction:
     allowed : callable
         Takes the goal; raises StimulationError unless its sender may start a schedule.
     started : callable
-        Told of goal and schedule before the first pulse; raises StimulationError to prevent it.
+        Told of schedule and operator before the first pulse; raises StimulationError to prevent
+        it.
     refused : callable
         Told why a goal was refused.
     """
@@ -142,7 +139,7 @@ class ScheduleAction:
         node: Node,
         controller: StimulationController,
         allowed: Callable[[RunSchedule.Goal], None],
-        started: Callable[[RunSchedule.Goal, Schedule], None],
+        started: Callable[[Schedule, str], None],
         refused: Callable[[str], None],
     ) -> None:
         self._controller = controller
@@ -201,8 +198,18 @@ class ScheduleAction:
         if self._goal is not None or self._controller.state is State.RUNNING:
             raise GoalRefused(CODES.WRONG_STATE, 'expected no schedule running, got a second goal')
         self._allowed(request)
-        schedule = _schedule_of(request)
-        return self._controller.start(schedule, lambda: self._started(request, schedule))
+        try:
+            schedule = schedule_of(request.typed_schedule)
+        except StimulationError as error:
+            raise GoalRefused(CODES.BAD_SCHEDULE, str(error)) from error
+        except Exception as error:
+            # of anybody, and whatever the reader of it makes of it
+            raise GoalRefused(
+                CODES.BAD_SCHEDULE, f'expected a schedule, got one that raises {error!r}'
+            ) from error
+        return self._controller.start(
+            schedule, lambda: self._started(schedule, request.operator_id)
+        )
 
     def _refuse(self, goal: ServerGoalHandle, code: int, reason: str) -> None:
         said = plain_text(reason)
@@ -246,21 +253,3 @@ class ScheduleAction:
     def _unused(goal: ServerGoalHandle) -> RunSchedule.Result:
         goal.abort()
         return RunSchedule.Result(reason='expected a deferred execution')
-
-
-def _schedule_of(request: RunSchedule.Goal) -> Schedule:
-    """Return the schedule in a goal from anybody.
-
-    Raises
-    ------
-    GoalRefused
-        If it does not describe one, whatever the reader of it makes of it.
-    """
-    try:
-        return schedule_of(request.typed_schedule)
-    except StimulationError as error:
-        raise GoalRefused(CODES.BAD_SCHEDULE, str(error)) from error
-    except Exception as error:
-        raise GoalRefused(
-            CODES.BAD_SCHEDULE, f'expected a schedule, got one that raises {error!r}'
-        ) from error

@@ -1,34 +1,17 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters of the stimulator driver, and what is built from them.
-
-The parameter `maximum_intensity`: checked before it is set, in force once it is.
-
-A change may be refused by any callback of the node, and for another parameter that is set
-together with this one: only a parameter that has been set moves the bound.
-
-Figures of device and patient that a driver was started with, looked at again at every arming.
-
-A driver may run for days: meanwhile the figures of a patient expire, or are set again.
-"""
+"""Parameters of the stimulator driver, and what is built from them."""
 
 import dataclasses
 import re
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from rcl_interfaces.msg import SetParametersResult
-from rclpy.node import Node
-from rclpy.parameter import Parameter
-
 from rpms_ros.axis import FORCE, UNITS
 from rpms_ros.errors import NodeError, StimulationError
-from rpms_ros.nodes.common.diagnostics import plain_text
-from rpms_ros.nodes.common.parameters import NodeParameters, follow_parameters, parameter
+from rpms_ros.nodes.common.parameters import NodeParameters, parameter
 from rpms_ros.stimulation.devices import Device, registry
 from rpms_ros.stimulation.devices.registry import DeviceOptions, require_device
-from rpms_ros.stimulation.driver.controller import StimulationController
 from rpms_ros.stimulation.driver.states import DriverSettings
 from rpms_ros.stimulation.limits.device_specification import (
     DeviceSpecification,
@@ -63,21 +46,6 @@ class DriverParameters(NodeParameters):
     )
     lateness_limit: float = parameter(
         0.01, 'A pulse later than this is dropped.', unit='s', minimum=1e-4, maximum=0.1
-    )
-    executor_timeout: float = parameter(
-        0.5,
-        'Longest silence of the executor while armed; after 0.4 of it pulses are held back.',
-        unit='s',
-        minimum=0.1,
-        maximum=10.0,
-    )
-    watch_timeout: float = parameter(
-        0.1,
-        'Longest silence of the thread that hears buttons and heartbeat, while armed; after 0.4 '
-        'of it pulses are held back.',
-        unit='s',
-        minimum=0.02,
-        maximum=10.0,
     )
     require_stop_button: bool = parameter(
         True,
@@ -197,7 +165,7 @@ def build_device(settings: DriverParameters, specification: DeviceSpecification)
     settings : DriverParameters
         Kind of device and port.
     specification : DeviceSpecification
-        As `device_specification_of` returns it: no intensity above its bound is asked of the
+        That of the session: no intensity above its bound is asked of the
         device, and the device is told of that bound.
 
     Raises
@@ -209,39 +177,67 @@ def build_device(settings: DriverParameters, specification: DeviceSpecification)
     return registry.build_device(settings.device, options)
 
 
-def device_specification_of(settings: DriverParameters) -> DeviceSpecification:
-    """Return the device specification, its limits tightened by patient and parameters.
+@dataclass(frozen=True)
+class Session:
+    """Device and patient as their files say.
+
+    Attributes
+    ----------
+    settings : DriverParameters
+        Of the start: which files, and bounds beside them.
+    specification : DeviceSpecification
+        Its limits tightened by patient and parameters.
+    patient : Patient or None
+        Whose dose is counted; None where nobody is named.
+    """
+
+    settings: DriverParameters
+    specification: DeviceSpecification
+    patient: Patient | None
+
+    def require_unchanged(self) -> None:
+        """Read the files again: meanwhile the figures of a patient expire, or are set again.
+
+        Raises
+        ------
+        StimulationError
+            If they cannot be used today, or say something else than at the start: limits, dose
+            and ledger of a driver are those of its start.
+        """
+        if session_of(self.settings)._figures != self._figures:
+            whose = self.settings.patient_file or 'nobody'
+            raise StimulationError(
+                f'expected the figures of {whose} and of the device specification as they were at '
+                'the start, got others: start the driver again'
+            )
+
+    @property
+    def _figures(self) -> object:
+        patient = self.patient
+        dose = None if patient is None else (patient.identifier, patient.dose)
+        return self.specification, dose
+
+
+def session_of(settings: DriverParameters) -> Session:
+    """Return device and patient, the limits of the device tightened by patient and parameters.
 
     Raises
     ------
     StimulationError
-        If there is no such device specification or patient, or the two do not go together.
+        If there is no such device specification or patient, or the two do not go together today.
     """
-    specification = for_session(
-        load_device_specification(settings.device_specification), patient_of(settings)
-    )
+    file = settings.patient_file
+    patient = load_patient(Path(file).expanduser()) if file else None
+    specification = for_session(load_device_specification(settings.device_specification), patient)
     limits = dataclasses.replace(
         specification.limits,
         maximum_intensity=min(specification.limits.maximum_intensity, settings.maximum_intensity),
         maximum_rate_hz=min(specification.limits.maximum_rate_hz, settings.maximum_rate),
     )
-    return dataclasses.replace(specification, limits=limits)
+    return Session(settings, dataclasses.replace(specification, limits=limits), patient)
 
 
-def patient_of(settings: DriverParameters) -> Patient | None:
-    """Return the patient, None where nobody is named.
-
-    Raises
-    ------
-    StimulationError
-        If the file cannot be used.
-    """
-    if not settings.patient_file:
-        return None
-    return load_patient(Path(settings.patient_file).expanduser())
-
-
-def ledger_of(settings: DriverParameters, specification: DeviceSpecification) -> MemoryLedger:
+def ledger_of(settings: DriverParameters, session: Session) -> MemoryLedger:
     """Return where the dose is kept, open: in files where a folder and a patient are named.
 
     Raises
@@ -250,7 +246,7 @@ def ledger_of(settings: DriverParameters, specification: DeviceSpecification) ->
         If the ledger is open elsewhere, damaged, or cannot be written, or if a real device has no
         serial number: by the name of a port it would be another one at each.
     """
-    patient = patient_of(settings)
+    specification, patient = session.specification, session.patient
     if patient is None or not settings.ledger_folder:
         return MemoryLedger(None if patient is None else patient.dose)
     folder = Path(settings.ledger_folder).expanduser()
@@ -272,7 +268,7 @@ def driver_settings_of(settings: DriverParameters) -> DriverSettings:
     """Return how the driver watches over itself."""
     return DriverSettings(
         lateness_limit_s=settings.lateness_limit,
-        executor_timeout_s=patience_s(settings, settings.executor_timeout),
+        executor_timeout_s=patience_s(settings, DriverSettings.executor_timeout_s),
         response_limit_s=patience_s(settings, DriverSettings.response_limit_s),
         stuck_limit_s=patience_s(settings, DriverSettings.stuck_limit_s),
         supervisor_timeout_s=patience_s(settings, DriverSettings.supervisor_timeout_s),
@@ -281,100 +277,3 @@ def driver_settings_of(settings: DriverParameters) -> DriverSettings:
         force_timeout_s=settings.force_timeout,
         temperature_limit=settings.temperature_limit,
     )
-
-
-_NAME = 'maximum_intensity'
-
-
-def follow_bound(
-    node: Node,
-    controller: StimulationController,
-    settings: DriverParameters,
-    followed: Callable[[DriverParameters], None],
-    refused: Callable[[str], None],
-) -> None:
-    """Keep the bound of a controller at the parameter of a node.
-
-    Parameters
-    ----------
-    node : Node
-        Whose parameter it is.
-    controller : StimulationController
-        What is bounded.
-    settings : DriverParameters
-        Of the start.
-    followed : callable
-        Told of the parameters when another bound is in force.
-    refused : callable
-        Told why a change was refused.
-    """
-
-    def check(parameters: list[Parameter]) -> SetParametersResult:
-        try:
-            for given in parameters:
-                if given.name == _NAME and isinstance(given.value, float):
-                    controller.require_bound(given.value)
-        except StimulationError as error:
-            refused(str(error))
-            return SetParametersResult(successful=False, reason=plain_text(error))
-        return SetParametersResult(successful=True)
-
-    def apply(changed: DriverParameters) -> None:
-        try:
-            controller.tighten(changed.maximum_intensity)
-        except StimulationError as error:
-            # armed since the check, by another thread: the lower bound stays in force
-            refused(str(error))
-            return
-        followed(changed)
-
-    follow_parameters(node, settings, apply)
-    node.add_on_set_parameters_callback(check)
-
-
-class SessionFigures:
-    """The device specification for a patient, as it was at the start.
-
-    Parameters
-    ----------
-    settings : DriverParameters
-        Which files, and bounds beside them.
-
-    Attributes
-    ----------
-    specification : DeviceSpecification
-        Its limits tightened by patient and parameters.
-
-    Raises
-    ------
-    StimulationError
-        If there is no such device specification or patient, or the two do not go together today.
-    """
-
-    def __init__(self, settings: DriverParameters) -> None:
-        self._settings = settings
-        self._dose = _dose_of(settings)
-        self.specification = device_specification_of(settings)
-
-    def require_unchanged(self) -> None:
-        """Read the files again.
-
-        Raises
-        ------
-        StimulationError
-            If they cannot be used today, or say something else than at the start: limits, dose
-            and ledger of a driver are those of its start.
-        """
-        settings = self._settings
-        read_again = (device_specification_of(settings), _dose_of(settings))
-        if read_again != (self.specification, self._dose):
-            raise StimulationError(
-                f'expected the figures of {settings.patient_file or "nobody"} and of the device '
-                'specification as they were at the start, got others: start the driver again'
-            )
-
-
-def _dose_of(settings: DriverParameters) -> object:
-    """Return whose dose is counted, and what it may be; None for nobody."""
-    patient = patient_of(settings)
-    return None if patient is None else (patient.identifier, patient.dose)

@@ -190,6 +190,8 @@ def _joined(namespace: str, name: str) -> str:
     return f'{namespace.rstrip("/")}/{name}'
 
 
+WATCH_TIMEOUT_S = 0.1
+"""Longest silence of the thread that hears buttons and heartbeat, while armed."""
 SUFFIX = '_watch'
 """What the name of the second node adds to the driver's."""
 
