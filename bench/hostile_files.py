@@ -43,7 +43,6 @@ from laboratory_files import FORMATS, tables
 
 import rpms_ros
 from rpms_ros.cli import main as rpms
-from rpms_ros.cli.replay import identifier_parameters
 from rpms_ros.errors import RpmsError
 from rpms_ros.identification.model.summation import TemporalSummation
 from rpms_ros.muscle.scenario import load_scenario
@@ -59,7 +58,7 @@ LONGEST_PROCESS = 1200.0
 DOCUMENTED = frozenset({0, 1, 2, 3})
 KEY = b'0123456789abcdef'
 LAW = {'half_level': 3.0, 'facilitation': 0.3, 'time_constant': 25e-3, 'order': 3}
-DOCUMENTS = ('history law', 'scenario', 'device', 'patient', 'parameters', 'audit log')
+DOCUMENTS = ('history law', 'scenario', 'device', 'patient', 'audit log')
 NAMES = (
     *FORMATS,
     *DOCUMENTS,
@@ -154,15 +153,10 @@ def document(name: str, folder: Path) -> Kind:
     elif name == 'patient':
         path.write_text(str(patient.__doc__).partition('\n\n')[2])
         load = partial(patient.load_patient, path)
-    elif name == 'parameters':
-        shutil.copyfile(Path(__file__).parents[1] / 'config' / 'identifier.yaml', path)
-        options = {'estimator': 'tracking', 'preset': 'people', 'seed': 0, 'rate_hz': 20.0}
-        options['quantity'] = 'force'
-        load = partial(identifier_parameters, argparse.Namespace(**options, parameters=path))
     else:
         with ChainedFile(path, AUDIT_LOG) as audit:
             for number in range(5):
-                audit.append('refusal', who='operator', limit='maximum_rate_hz', pulse=number)
+                audit.append('refusal', {'limit': 'maximum_rate_hz', 'pulse': number})
         return Kind((path,), lambda: rpms(['audit', str(path)]))
     return Kind((path,), told(load))
 

@@ -52,7 +52,7 @@ def bare() -> None:
         sys.exit('expected the same result of what was exported and imported, got another')
     rpms('simulate', '--scenario', 'fatigue', '--duration', '5', '--out', 'tired')
     rpms('protocol', 'muscle', '--out', 'muscle.yaml', '--device', 'rapid2-240v')
-    for arguments, extra in ((('report', 'session'), 'report'), (('replay', 'session'), 'ROS')):
+    for arguments, extra in ((('report', 'session'), 'report'), (('demo',), 'ROS')):
         text = rpms(*arguments, status=2)
         if extra not in text or text.count('\n') != 1:
             sys.exit(f'expected one line that names {extra}, got {text!r}')

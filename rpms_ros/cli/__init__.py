@@ -16,7 +16,7 @@ from rpms_ros.cli.options import FAILURE, INTERRUPTED, SUCCESS
 from rpms_ros.errors import RpmsError
 from rpms_ros.printable import printable
 
-_NEED_ROS = ('demo', 'live', 'replay')
+_NEED_ROS = ('demo', 'live')
 COMMANDS = {
     'identify': 'identify',
     'report': 'report',
@@ -33,7 +33,6 @@ COMMANDS = {
     'layout': 'live',
     'demo': 'demo',
     'live': 'live',
-    'replay': 'replay',
 }
 """Module of this package for each command, in the order of the help: what needs ROS last."""
 

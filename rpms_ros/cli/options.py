@@ -132,19 +132,18 @@ def add_quantity_option(parser: 'argparse._ActionsContainer') -> None:
     add_option(parser, '--quantity', 'force', text, choices=('force', 'torque'))
 
 
-def add_estimator_options(parser: argparse.ArgumentParser, on_line: bool = False) -> None:
+def add_estimator_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of the estimator."""
     group = parser.add_argument_group('estimator')
     text = (
         'algorithm: batch (everything at once), or as on line tracking (a muscle that '
         'changes) or recursive (one pass, as the node by default)'
     )
-    add_option(group, '--estimator NAME', 'recursive' if on_line else 'batch', text)
+    add_option(group, '--estimator NAME', 'batch', text)
     add_preset_option(group)
     text = 'repetition rate for which the recruitment curve is stated [Hz]'
     add_option(group, '--rate-hz HZ', 20.0, text)
-    if not on_line:
-        add_option(group, '--seed', 0, "of the estimator's random start")
+    add_option(group, '--seed', 0, "of the estimator's random start")
 
 
 def add_preset_option(parser: 'argparse._ActionsContainer') -> None:

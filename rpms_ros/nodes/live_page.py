@@ -76,14 +76,9 @@ _ESTIMATE_PERIOD = 0.25
 def expected_topics(node: Node) -> dict[str, Topic]:
     """Return the topics of a page, with the names that they have for `node`."""
     return {
-        key: Topic(node.resolve_topic_name(name), type_name_of(kind), silence)
+        key: Topic(node.resolve_topic_name(name), topics.type_name_of(kind), silence)
         for key, (name, kind, silence) in TYPES.items()
     }
-
-
-def type_name_of(kind: Any) -> str:
-    """Return the name of a message class, such as ``rpms_msgs/msg/Pulse``."""
-    return f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'
 
 
 class LiveListener:
@@ -508,12 +503,7 @@ PATIENCE = 3.0
 _SETTLING = 0.3
 _FINDING_LOOK_S = 0.05
 
-_SHOWN = {
-    topics.FORCE: type_name_of(WrenchStamped),
-    topics.PULSES: type_name_of(Pulse),
-    topics.ESTIMATE: type_name_of(MuscleEstimate),
-    topics.DRIVER_STATUS: type_name_of(DriverStatus),
-}
+_SHOWN = {name: topics.type_name_of(kind) for name, kind, _ in TYPES.values()}
 
 
 def namespaces(patience: float = PATIENCE) -> list[str]:

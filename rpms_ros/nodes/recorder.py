@@ -121,12 +121,6 @@ def message_class(type_name: str) -> Any:
         raise RecordingError(f'expected an installed {type_name}, got {error}') from error
 
 
-def type_name_of(kind: Any) -> str:
-    """Return ``package/msg/Name`` of a message class."""
-    package, folder = kind.__module__.split('.')[:2]
-    return f'{package}/{folder}/{kind.__name__}'
-
-
 @cache
 def definition_of(type_name: str) -> tuple[str, str]:
     """Return text and hash of any installed type.
@@ -401,7 +395,7 @@ class Recorder(Node):
         self._writer.append(topic.number, received_ns, data)
 
     def _add_topic(self, topic: _Topic) -> int:
-        type_name = type_name_of(topic.kind)
+        type_name = topics.type_name_of(topic.kind)
         profiles = [
             _recorded(one.qos_profile) for one in self.get_publishers_info_by_topic(topic.name)
         ]

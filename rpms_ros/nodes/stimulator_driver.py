@@ -60,16 +60,11 @@ from rpms_ros.stimulation.driver.states import POSSIBLE, State
 from rpms_ros.stimulation.driver.stop_buttons import StopButtons
 
 Names = dict[int, str]
+_PREFIX = 'TRANSITION_'
 _LABELS: Names = {
-    Transition.TRANSITION_CREATE: 'create',
-    Transition.TRANSITION_CONFIGURE: 'configure',
-    Transition.TRANSITION_CLEANUP: 'cleanup',
-    Transition.TRANSITION_ACTIVATE: 'activate',
-    Transition.TRANSITION_DEACTIVATE: 'deactivate',
-    Transition.TRANSITION_UNCONFIGURED_SHUTDOWN: 'shutdown',
-    Transition.TRANSITION_INACTIVE_SHUTDOWN: 'shutdown',
-    Transition.TRANSITION_ACTIVE_SHUTDOWN: 'shutdown',
-    Transition.TRANSITION_DESTROY: 'destroy',
+    getattr(Transition, name): name.removeprefix(_PREFIX).lower()
+    for name in dir(Transition)
+    if name.startswith(_PREFIX)
 }
 
 

@@ -64,7 +64,7 @@ def test_help_begins_with_what_works_without_ros(capsys: pytest.CaptureFixture[s
     blocks = re.split(r'^ {4}(?=\w)', listed, flags=re.MULTILINE)[1:]
     assert [block.split()[0] for block in blocks] == NAMES
     marked = [block.split()[0] for block in blocks if '(needs ROS 2)' in ' '.join(block.split())]
-    assert marked == NAMES[-3:] == ['demo', 'live', 'replay']
+    assert marked == NAMES[-2:] == ['demo', 'live']
     begun = out.partition('positional arguments:')[0]
     assert 'Without ROS' in begun
     assert 'rpms identify session' in begun

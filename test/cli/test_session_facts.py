@@ -141,7 +141,6 @@ def test_every_command_that_reads_keeps_to_its_memory(
         ['identify', short_session],
         ['analyze', short_session],
         ['report', short_session, '--out', tmp_path / 'page.html'],
-        ['replay', short_session],
     ]
     for command in commands:
         code, out, err = rpms(*command, *bound)

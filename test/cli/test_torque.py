@@ -125,8 +125,3 @@ def test_a_table_of_a_dynamometer_is_a_torque(tmp_path: Path, unit: str) -> None
         load(table, quantity='torque', force_unit='N')
 
 
-def test_a_torque_is_replayed(recording: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    code = main(['replay', '--quiet', '--json', str(recording), *OPTIONS])
-    document = json.loads(capfd.readouterr().out)
-    assert (code, document['off_line']['exact']) == (0, True)
-    assert document['off_line']['compared'] > 50

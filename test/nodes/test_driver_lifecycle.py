@@ -37,9 +37,9 @@ def node_fixture(graph):
     ('number', 'label', 'named'),
     [
         (Transition.TRANSITION_ACTIVATE, '', 'activate'),
-        (Transition.TRANSITION_ACTIVE_SHUTDOWN, '', 'shutdown'),
+        (Transition.TRANSITION_ACTIVE_SHUTDOWN, '', 'active_shutdown'),
         (0, 'dance', 'dance'),
-        (99, '', '99'),
+        (77, '', '77'),
     ],
 )
 def test_what_is_asked_for_is_named(node, number, label, named):

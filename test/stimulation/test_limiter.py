@@ -197,14 +197,6 @@ def test_impossible_limits_are_refused(changes, fault):
         Limits(**changes)
 
 
-def test_what_may_go_on_for_ever():
-    # 20 Hz: 252 u^2 20 = 1050 W
-    assert RAPID.highest_intensity(20.0) == pytest.approx(math.sqrt(1050 / 5040), rel=1e-12)
-    assert RAPID.highest_intensity(50.0) == pytest.approx(math.sqrt(1050 / 12600), rel=1e-12)
-    assert RAPID.highest_intensity(60.0) == 0.0
-    assert RAPID.highest_intensity(4.0) == 1.0
-
-
 def test_a_subject_is_led_to_an_intensity_step_by_step():
     limiter = PulseLimiter(Limits(maximum_intensity_rise=0.1, rise_window_s=10.0))
     assert limiter.refusal(0, 0.11, WIDTH).limit == 'maximum_intensity_rise'

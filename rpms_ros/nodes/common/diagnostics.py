@@ -4,7 +4,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.impl.rcutils_logger import RcutilsLogger
@@ -53,35 +52,6 @@ class Health:
     figures: Mapping[str, object] = field(default_factory=dict)
 
 
-def diagnostics_message(name: str, hardware: str, stamp: Any, health: Health) -> DiagnosticArray:
-    """Return the diagnostics of what does one task.
-
-    Parameters
-    ----------
-    name : str
-        Node with its namespace, and its task: two of one graph differ in it.
-    hardware : str
-        What it is about: no two of one graph are called alike.
-    stamp : builtin_interfaces/Time
-        When this was true.
-    health : Health
-        How it is.
-    """
-    status = DiagnosticStatus(
-        level=health.level,
-        name=name,
-        message=plain_text(health.message),
-        hardware_id=plain_text(hardware),
-        values=[
-            KeyValue(key=plain_text(key), value=plain_text(value))
-            for key, value in health.figures.items()
-        ],
-    )
-    array = DiagnosticArray(status=[status])
-    array.header.stamp = stamp
-    return array
-
-
 class DiagnosticsPublisher:
     """Publishes the health of a node, stamped by the node's clock.
 
@@ -97,13 +67,25 @@ class DiagnosticsPublisher:
 
     def __init__(self, node: Node, task: str, hardware: str) -> None:
         self._clock = node.get_clock()
-        self._name, self._hardware = f'{node.get_fully_qualified_name()}: {task}', hardware
+        self._name = f'{node.get_fully_qualified_name()}: {task}'
+        self._hardware = plain_text(hardware)
         self._publisher = node.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, 10)
 
     def publish(self, health: Health) -> None:
         """Publish it as that of now."""
-        stamp = self._clock.now().to_msg()
-        self._publisher.publish(diagnostics_message(self._name, self._hardware, stamp, health))
+        status = DiagnosticStatus(
+            level=health.level,
+            name=self._name,
+            message=plain_text(health.message),
+            hardware_id=self._hardware,
+            values=[
+                KeyValue(key=plain_text(key), value=plain_text(value))
+                for key, value in health.figures.items()
+            ],
+        )
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = self._clock.now().to_msg()
+        self._publisher.publish(array)
 
 
 class RecentChange:

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Names of topics, relative to the namespace of the node, and the classes of their messages."""
 
+from typing import Any
+
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Vector3, Wrench, WrenchStamped
 from std_msgs.msg import Header
@@ -70,3 +72,9 @@ MESSAGE_TYPES: messages.MessageTypes = {
     schedule_messages.SCHEDULE: Schedule,
     schedule_messages.SCHEDULE_SEGMENT: ScheduleSegment,
 }
+
+
+def type_name_of(kind: Any) -> str:
+    """Return the name of a message class, such as ``rpms_msgs/msg/Pulse``."""
+    package, folder = kind.__module__.split('.')[:2]
+    return f'{package}/{folder}/{kind.__name__}'

@@ -49,9 +49,9 @@ from rpms_ros.stimulation.driver.states import (
 )
 from rpms_ros.stimulation.limits.coil_temperature import coil_after
 from rpms_ros.stimulation.limits.device_specification import DeviceSpecification
-from rpms_ros.stimulation.limits.forecast import Forecast, Trial, forecast_plan
+from rpms_ros.stimulation.limits.forecast import Trial
 from rpms_ros.stimulation.limits.limiter import TIMING_LIMITS, PulseLimiter, too_quiet
-from rpms_ros.stimulation.limits.limits import BookedPulse, DoseExceeded, LedgerError, Limits
+from rpms_ros.stimulation.limits.limits import BookedPulse, DoseExceeded, LedgerError
 from rpms_ros.stimulation.records.dose_ledger import DoseLedger, MemoryLedger
 from rpms_ros.stimulation.schedule.schedule import Plan, Schedule
 
@@ -71,58 +71,6 @@ _NEVER_S = 1e6
 _MARGIN_NS = 10_000_000
 # What a plan of pulses costs before its first one is 5 us each, in the thread that serves cancels.
 MOST_PULSES = 40_000
-
-
-def quantized_plan(schedule: Schedule, left: int, device: Device) -> Plan:
-    """Return the pulses of a schedule with intensities that the device can be set to.
-
-    Raises
-    ------
-    Refused
-        If they are more than are left in this session, or than can be looked at in time.
-    """
-    # before the plan is laid out: a schedule can ask for more pulses than there is memory
-    if schedule.pulse_count > MOST_PULSES:
-        raise Refused(
-            'schedule_pulses',
-            f'schedule_pulses: expected at most {MOST_PULSES} pulses in a schedule, '
-            f'got {schedule.pulse_count}',
-        )
-    if schedule.pulse_count > left:
-        raise Refused(
-            'session_pulses',
-            f'session_pulses: expected at most {left} more pulses in this session, '
-            f'got {schedule.pulse_count}',
-        )
-    plan = schedule.plan
-    return dataclasses.replace(plan, intensity=device.quantized(plan.intensity))
-
-
-def refuse_over_dose(plan: Plan, limits: Limits, ledger: MemoryLedger) -> None:
-    """Raise Refused if a plan is more than the patient may get."""
-    energy_j = limits.pulse_energy_j * float(np.sum(plan.intensity**2))
-    try:
-        ledger.check(len(plan), energy_j)
-    except DoseExceeded as error:
-        raise Refused(error.limit, str(error)) from error
-
-
-def refuse_undeliverable(ahead: Forecast, limits: Limits) -> None:
-    """Raise Refused if a plan breaks a limit of the device, with what could be delivered."""
-    for violation in ahead.violations:
-        raise Refused(
-            violation.limit,
-            f'{violation.limit}: {violation.reason}; at {violation.time_s:.4g} s of the '
-            f'schedule, mean power {ahead.mean_power_w:.4g} W{_advice(ahead, limits)}',
-        )
-
-
-def _advice(ahead: Forecast, limits: Limits) -> str:
-    """Return in words which intensity can be kept up for any time at the same rate."""
-    if not ahead.max_rate_hz > 0.0:
-        return ''
-    highest = limits.highest_intensity(ahead.max_rate_hz)
-    return f'; at {ahead.max_rate_hz:.4g} Hz intensities up to {highest:.3f} can be delivered'
 
 
 class StimulationController(DeviceOwner):
@@ -310,11 +258,27 @@ class StimulationController(DeviceOwner):
         after(self.state, Command.START)
         self._refuse_if_open()
         trials, left = self._order(self._trials, self.settings.stuck_limit_s)
-        plan = quantized_plan(schedule, left, self.device)
-        refuse_over_dose(plan, self.limits, self.ledger)
+        # before the plan is laid out: a schedule can ask for more pulses than there is memory
+        for limit, most, what in (
+            ('schedule_pulses', MOST_PULSES, 'pulses in a schedule'),
+            ('session_pulses', left, 'more pulses in this session'),
+        ):
+            if schedule.pulse_count > most:
+                raise Refused(
+                    limit, f'{limit}: expected at most {most} {what}, got {schedule.pulse_count}'
+                )
+        intensity = self.device.quantized(schedule.plan.intensity)
+        plan = dataclasses.replace(schedule.plan, intensity=intensity)
+        try:
+            energy_j = self.limits.pulse_energy_j * float(np.sum(intensity**2))
+            self.ledger.check(len(plan), energy_j)
+        except DoseExceeded as error:
+            raise Refused(error.limit, str(error)) from error
         for trial in trials:
-            ahead = forecast_plan(plan, schedule.width_s, trial, start_ns)
-            refuse_undeliverable(ahead, trial.limits)
+            for index, (limit, reason) in trial.refusals(plan, schedule.width_s, start_ns):
+                onset_ns = plan.onset_ns[index] if index < len(plan) else plan.duration_ns
+                time_s = float(onset_ns) / NANOSECONDS_PER_SECOND
+                raise Refused(limit, f'{limit}: {reason}; at {time_s:.4g} s of the schedule')
         return plan
 
     def _trials(self) -> tuple[list[Trial], int]:

@@ -10,6 +10,7 @@ weakened, shortened, or left out.  The result has passed the forecast, and every
 
 import dataclasses
 import math
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
@@ -17,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from rpms_ros.errors import StimulationError
+from rpms_ros.printable import counted
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.stimulation.limits.device_specification import DeviceSpecification
 from rpms_ros.stimulation.limits.forecast import Forecast, Trial, Violation, forecast, rested
@@ -162,12 +164,10 @@ class _Fitter:
     end_ns: int = 0
     after: Trial = field(init=False)
     limits: Limits = field(init=False)
-    weakened: int = 0
-    slowed: int = 0
-    shortened: int = 0
+    # how many segments what was done to
+    done: Counter[str] = field(default_factory=Counter)
     paused_s: float = 0.0
     ramps: int = 0
-    left_out: int = 0
 
     def __post_init__(self) -> None:
         self.limits = self.specification.limits
@@ -184,7 +184,7 @@ class _Fitter:
             for short in SHORTER if isinstance(kept, Repetitive) else (1.0,):
                 if self._try(kept, weak, short):
                     return
-        self.left_out += 1
+        self.done['left out'] += 1
 
     def result(self) -> Fitted:
         """Return what was taken, if anything is of use."""
@@ -209,7 +209,7 @@ class _Fitter:
         if rate <= self.limits.highest_rate_hz(level):
             return wanted
         if level == 0.0:
-            self.slowed += 1
+            self.done['made slower'] += 1
             return _slowed(wanted, self.limits.highest_rate_hz(0.0))
         enough = 0.5 * level
         if self.patient is not None:
@@ -221,12 +221,12 @@ class _Fitter:
             if rate <= self.limits.highest_rate_hz(bound) and enough <= bound
         ]
         if allowed:
-            self.weakened += 1
+            self.done['made weaker'] += 1
             return scaled(wanted, min(1.0, max(allowed) / level))
         steps = [bound for bound in self.limits.rate_intensities if bound >= enough]
         bound = min(steps, default=level)
-        self.slowed += 1
-        self.weakened += bound < level
+        self.done['made slower'] += 1
+        self.done['made weaker'] += bound < level
         return _slowed(
             scaled(wanted, min(1.0, bound / level)), self.limits.highest_rate_hz(min(bound, level))
         )
@@ -243,8 +243,8 @@ class _Fitter:
                 broken = self._take([*before, *self._ramp(strongest(piece)), piece])
                 self.ramps += not broken
             if not broken:
-                self.weakened += weak < 1.0
-                self.shortened += short < 1.0
+                self.done['made weaker'] += weak < 1.0
+                self.done['made shorter'] += short < 1.0
                 self.paused_s += pause_s
                 return True
         return False
@@ -279,21 +279,14 @@ class _Fitter:
     def _changes(self) -> Iterator[str]:
         if self.scale < 1.0:
             yield f'every intensity times {self.scale:.3g}'
-        for count, what in (
-            (self.weakened, 'made weaker'),
-            (self.slowed, 'made slower'),
-            (self.shortened, 'made shorter'),
-            (self.left_out, 'left out'),
-        ):
+        for what, count in self.done.items():
             if count:
-                yield f'{count} segment{"s" if count > 1 else ""} {what}'
+                yield f'{counted(count, "segment")} {what}'
         if self.paused_s:
             yield f'{self.paused_s:g} s of pauses put in'
         if self.ramps:
-            yield (
-                f'{self.ramps} ramp{"s" if self.ramps > 1 else ""} put in, in steps of '
-                f'{self.limits.maximum_intensity_rise:g}'
-            )
+            steps = f'in steps of {self.limits.maximum_intensity_rise:g}'
+            yield f'{counted(self.ramps, "ramp")} put in, {steps}'
 
 
 def _rate_hz(segment: Segment) -> float:

@@ -5,7 +5,6 @@
 The limiter enforces the former, the dose ledger the latter.
 """
 
-import math
 from bisect import bisect_left
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -134,17 +133,6 @@ class Limits:
         # n/f: a train of n pulses lasts one period longer than the time between its ends
         lasted = span_s * pulses / (pulses - 1) if pulses > 1 else 0.0
         return max(self.minimum_pause_s, energy_j / self.continuous_power_w - lasted)
-
-    def highest_intensity(self, rate_hz: float) -> float:
-        """Return the highest intensity (share) at which ``rate_hz`` can be kept up."""
-        by_power = 1.0
-        if self.pulse_energy_j > 0.0:
-            by_power = math.sqrt(self.continuous_power_w / (self.pulse_energy_j * rate_hz))
-        by_rate = 0.0
-        for bound, rate in zip(self.rate_intensities, self.rate_limits_hz, strict=True):
-            if rate_hz <= min(rate, self.maximum_rate_hz):
-                by_rate = bound
-        return min(self.maximum_intensity, by_power, by_rate)
 
 
 LONGEST_WINDOW_H = 168.0

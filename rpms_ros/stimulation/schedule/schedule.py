@@ -62,7 +62,7 @@ class Segment(ABC):
         """Return the onsets [ns] from the start of the segment, shape (pulses,)."""
 
     @abstractmethod
-    def intensities(self, onset_s: FloatArray, random: np.random.Generator) -> FloatArray:
+    def intensities(self, onset_s: FloatArray, random: np.random.Generator, /) -> FloatArray:
         """Return the intensities (share 0..1) of pulses at ``onset_s`` [s], shape (pulses,)."""
 
 
@@ -87,9 +87,8 @@ class Pause(Segment):
         """Return an empty array."""
         return np.empty(0, dtype=np.int64)
 
-    def intensities(self, onset_s: FloatArray, random: np.random.Generator) -> FloatArray:
+    def intensities(self, onset_s: FloatArray, _: np.random.Generator, /) -> FloatArray:
         """Return an empty array."""
-        del random
         return np.zeros_like(onset_s)
 
 

@@ -94,9 +94,8 @@ class Constant(Repetitive):
     kind: ClassVar[str] = 'constant'
     intensity: float = share(1.0)
 
-    def intensities(self, onset_s: FloatArray, random: np.random.Generator) -> FloatArray:
+    def intensities(self, onset_s: FloatArray, _: np.random.Generator, /) -> FloatArray:
         """Return the same intensity for every pulse."""
-        del random
         return np.full_like(onset_s, self.intensity)
 
 
@@ -108,9 +107,8 @@ class Ramp(Repetitive):
     start: float = share(0.0)
     end: float = share(1.0)
 
-    def intensities(self, onset_s: FloatArray, random: np.random.Generator) -> FloatArray:
+    def intensities(self, onset_s: FloatArray, _: np.random.Generator, /) -> FloatArray:
         """Return the straight line through (0, start) and (duration, end)."""
-        del random
         return self.start + (self.end - self.start) * (onset_s / self.duration_s)
 
 
@@ -123,9 +121,8 @@ class Staircase(Repetitive):
         Bound(0.0, 1.0, several=True), (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
     )
 
-    def intensities(self, onset_s: FloatArray, random: np.random.Generator) -> FloatArray:
+    def intensities(self, onset_s: FloatArray, _: np.random.Generator, /) -> FloatArray:
         """Return the level of the step that each onset falls into."""
-        del random
         # a pulse due exactly at an edge belongs to the step that begins there, rounding or not
         step = np.floor(onset_s / self.duration_s * len(self.levels) + _PERIOD_SLACK)
         last = len(self.levels) - 1
@@ -145,9 +142,8 @@ class Sinusoid(Repetitive):
         super().__post_init__()
         refuse_swapped(self.low, self.high)
 
-    def intensities(self, onset_s: FloatArray, random: np.random.Generator) -> FloatArray:
+    def intensities(self, onset_s: FloatArray, _: np.random.Generator, /) -> FloatArray:
         """Return low + (high - low) (1 - cos(2 pi t / period)) / 2."""
-        del random
         rise = 0.5 - 0.5 * np.cos(2.0 * math.pi / self.period_s * onset_s)
         return self.low + (self.high - self.low) * np.clip(rise, 0.0, 1.0)
 
@@ -165,7 +161,7 @@ class UniformRandom(Repetitive):
         super().__post_init__()
         refuse_swapped(self.low, self.high)
 
-    def intensities(self, onset_s: FloatArray, random: np.random.Generator) -> FloatArray:
+    def intensities(self, onset_s: FloatArray, random: np.random.Generator, /) -> FloatArray:
         """Return draws from ``random``, or from the segment's own seed if it has one."""
         own = random if self.seed is None else np.random.default_rng(self.seed)
         return own.uniform(self.low, self.high, len(onset_s))
@@ -204,9 +200,8 @@ class PulseBurst(Segment):
         number = np.arange(self.pulse_count, dtype=np.float64)
         return np.rint(number * (self.interval_s * NANOSECONDS_PER_SECOND)).astype(np.int64)
 
-    def intensities(self, onset_s: FloatArray, random: np.random.Generator) -> FloatArray:
+    def intensities(self, onset_s: FloatArray, _: np.random.Generator, /) -> FloatArray:
         """Return the same intensity for every pulse."""
-        del random
         return np.full_like(onset_s, self.intensity)
 
 
@@ -232,9 +227,8 @@ class Single(Segment):
         """Return the start of the segment."""
         return np.zeros(1, dtype=np.int64)
 
-    def intensities(self, onset_s: FloatArray, random: np.random.Generator) -> FloatArray:
+    def intensities(self, onset_s: FloatArray, _: np.random.Generator, /) -> FloatArray:
         """Return the intensity."""
-        del random
         return np.full_like(onset_s, self.intensity)
 
 
@@ -341,7 +335,7 @@ class MultilevelPRBS(Repetitive):
                 f'expected a level_count of 2, 3, 5 or 7, got {self.level_count}'
             )
 
-    def intensities(self, onset_s: FloatArray, random: np.random.Generator) -> FloatArray:
+    def intensities(self, onset_s: FloatArray, random: np.random.Generator, /) -> FloatArray:
         """Return the levels, each held, from a place in the period that the seed chooses."""
         own = random if self.seed is None else np.random.default_rng(self.seed)
         period = np.asarray(maximal_sequence(self.level_count, self.order), dtype=np.float64)
