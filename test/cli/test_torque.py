@@ -123,5 +123,3 @@ def test_a_table_of_a_dynamometer_is_a_torque(tmp_path: Path, unit: str) -> None
         RecordingError, match=r'expected a torque, got a force in \S+; force_unit='
     ):
         load(table, quantity='torque', force_unit='N')
-
-
