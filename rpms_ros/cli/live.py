@@ -29,7 +29,7 @@ asks for best effort.  With a token it offers a stop as well, which is an additi
 a browser, a network and two programs, and no driver can count on it.
 """
 _EXAMPLES = """\
-  rpms live                         the session on this machine, at http://127.0.0.1:8765/
+  rpms live                         the session in namespace /, at http://127.0.0.1:8765/
   rpms live --namespace left_leg    one of several
   rpms live --stop                  with a stop; the address that is printed holds the token
   rpms live --address 0.0.0.0       for a phone in the same network
@@ -42,8 +42,7 @@ def add_live(subparsers: Subparsers) -> None:
     """Add `rpms live`."""
     summary = 'a running session in the browser (needs ROS 2)'
     parser = add_command(subparsers, 'live', run_live, summary, _DESCRIPTION, _EXAMPLES)
-    text = 'namespace of the nodes; the one in which somebody publishes if not given'
-    add_option(parser, '--namespace NAME', None, text)
+    add_option(parser, '--namespace NAME', '/', 'namespace of the nodes')
     add_option(parser, '--port N', 8765, 'port to listen on; 0 takes a free one')
     text = 'address of this machine to listen on; 0.0.0.0 lets the network look'
     add_option(parser, '--address A', '127.0.0.1', text)
@@ -74,7 +73,6 @@ def run_live(arguments: argparse.Namespace) -> int:
         token = token_of(arguments.token_file)
     if not 0 <= arguments.port <= 65535:
         raise LiveError(f'expected a port of 0 to 65535, got {arguments.port}')
-    namespace = arguments.namespace or _only_namespace()
     parameters = {
         'address': arguments.address,
         'port': arguments.port,
@@ -83,28 +81,8 @@ def run_live(arguments: argparse.Namespace) -> int:
         'quantity': arguments.quantity,
     }
     topics = {'force': arguments.force_topic, 'pulses': arguments.pulses_topic}
-    return serve(namespace, token, parameters, topics, partial(print_address, arguments.address))
-
-
-def _only_namespace() -> str:
-    """Return the namespace in which somebody publishes.
-
-    Raises
-    ------
-    LiveError
-        If there are several.
-    """
-    from rpms_ros.nodes.live_page import namespaces
-
-    found = namespaces()
-    if len(found) > 1:
-        raise LiveError(
-            f'expected one namespace with a session, got {", ".join(found)}; '
-            'choose one with --namespace'
-        )
-    if not found:
-        print('rpms: nobody publishes yet; the page waits in namespace /', file=sys.stderr)
-    return found[0] if found else '/'
+    tell = partial(print_address, arguments.address)
+    return serve(arguments.namespace, token, parameters, topics, tell)
 
 
 def print_address(listening: str, url: str, token: str) -> None:

@@ -25,11 +25,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 from rclpy.clock import Clock, ClockType
-from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
@@ -51,7 +49,7 @@ from rpms_ros.nodes.common.diagnostics import PERIOD_S, DiagnosticsPublisher, He
 from rpms_ros.nodes.common.operator import ButtonPublisher
 from rpms_ros.nodes.common.parameters import NodeParameters, declare_parameters, parameter
 from rpms_ros.nodes.common.qos import drained, second_node, subscribe, warn_of_unused
-from rpms_ros.nodes.common.runner import complete_or_gone, run, use_fast_discovery
+from rpms_ros.nodes.common.runner import complete_or_gone, run
 
 _Data = TypeVar('_Data', bytes, list[bytes])
 
@@ -495,47 +493,3 @@ def serve(
 def main() -> int:
     """Run the live page as a process."""
     return run(LivePage)
-
-
-# Discovery takes a tenth of a second with our profile and up to three seconds without.
-PATIENCE = 3.0
-# Who was found first may not be alone.
-_SETTLING = 0.3
-_FINDING_LOOK_S = 0.05
-
-_SHOWN = {name: topics.type_name_of(kind) for name, kind, _ in TYPES.values()}
-
-
-def namespaces(patience: float = PATIENCE) -> list[str]:
-    """Return the namespaces in which somebody publishes what the page shows, sorted.
-
-    Parameters
-    ----------
-    patience : float
-        How long to look for the first one [s].
-    """
-    use_fast_discovery()
-    context = Context()
-    rclpy.init(args=[], context=context)
-    node = Node('live_page_finder', context=context, use_global_arguments=False)
-    end = time.monotonic() + patience
-    try:
-        found: set[str] = set()
-        while time.monotonic() < end:
-            before, found = found, found | _published(node)
-            if found and not before:
-                end = min(end, time.monotonic() + _SETTLING)
-            time.sleep(_FINDING_LOOK_S)
-        return sorted(found)
-    finally:
-        node.destroy_node()
-        context.try_shutdown()
-
-
-def _published(node: Node) -> set[str]:
-    found = set()
-    for name, types in node.get_topic_names_and_types():
-        namespace, _, base = name.rpartition('/')
-        if _SHOWN.get(base) in types and node.count_publishers(name):
-            found.add(namespace or '/')
-    return found

@@ -8,63 +8,30 @@ from pathlib import Path
 
 import pytest
 from geometry_msgs.msg import WrenchStamped
-from lifecycle_msgs.msg import Transition
-from rclpy.action import ActionClient
 from rclpy.node import Node
 
-from rpms_msgs.action import RunSchedule
 from rpms_msgs.msg import AcceptedSchedule
 from rpms_ros import messages
 from rpms_ros.nodes.common import qos, topics
 from rpms_ros.nodes.common.topics import MESSAGE_TYPES
 from rpms_ros.nodes.recorder import Recorder
-from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.pulses import PulseTrain
 from rpms_ros.recording import read_recording, write_recording
 from rpms_ros.recording.rosbag.scan import Scan
 from rpms_ros.recording.rosbag.verifying import verify as verify_recording
-from rpms_ros.schedule_messages import schedule_message
-from rpms_ros.stimulation import Schedule, constant, schedule_from_text
+from rpms_ros.stimulation import constant, schedule_from_text
 from rpms_ros.stimulation.records.append_only import verify_log
 
 WARM_UP = replace(constant(0.5, 0.2, 50.0), name='wärm-up')
 
 
 @pytest.fixture
-def running(graph, tmp_path):
-    """A driver and somebody who asks for schedules."""
-    return Running(graph, tmp_path / 'audit.jsonl')
-
-
-class Running:
-    """A driver with an audit log, and the goals that it is given."""
-
-    def __init__(self, graph, audit: Path) -> None:
-        self.graph, self.audit = graph, audit
-        self.driver = graph.add(
-            StimulatorDriver,
-            require_operator=False,
-            require_stop_button=False,
-            lateness_limit=0.1,
-            audit_log=str(audit),
-        )
-        other = graph.add(lambda **options: Node('client', **options))
-        self.client = ActionClient(other, RunSchedule, topics.RUN_SCHEDULE)
-        graph.wait_for(self.client.server_is_ready)
-
-    def arm(self) -> None:
-        self.driver.change(Transition.TRANSITION_CONFIGURE)
-        self.driver.change(Transition.TRANSITION_ACTIVATE)
-
-    def run(self, schedule: Schedule) -> RunSchedule.Result:
-        """Ask for a schedule; return how that ended."""
-        typed = schedule_message(schedule, MESSAGE_TYPES)
-        goal = RunSchedule.Goal(typed_schedule=typed, operator_id='ada')
-        sent = self.client.send_goal_async(goal)
-        self.graph.wait_for(sent.done)
-        ended = sent.result().get_result_async()
-        self.graph.wait_for(ended.done)
-        return ended.result().result
+def running(driver_bench, tmp_path):
+    """A driver with an audit log, and somebody who asks for schedules."""
+    bench = driver_bench(audit_log=str(tmp_path / 'audit.jsonl'))
+    bench.audit = tmp_path / 'audit.jsonl'
+    bench.ends = lambda: bench.result(bench.send(WARM_UP, operator_id='ada')).result
+    return bench
 
 
 def heard_by(graph, name: str) -> list[AcceptedSchedule]:
@@ -90,9 +57,9 @@ def test_a_schedule_is_told_before_its_first_pulse_and_recorded(graph, running, 
     recorder = graph.add(Recorder, path=str(tmp_path / 'session'))
     driver, early = running.driver, heard_by(graph, 'early')
     graph.wait_for(lambda: driver.count_subscribers(topics.ACCEPTED_SCHEDULE) == 2)
-    graph.wait_for(lambda: driver.count_subscribers(topics.PULSES) == 1)
-    running.arm()
-    assert running.run(WARM_UP).completed
+    graph.wait_for(lambda: driver.count_subscribers(topics.PULSES) == 2)
+    running.activate()
+    assert running.ends().completed
     graph.wait_for(lambda: recorder.counts[topics.PULSES].messages == 10)
     graph.wait_for(lambda: recorder.counts[topics.ACCEPTED_SCHEDULE].messages == 1)
     late = heard_by(graph, 'late')
@@ -118,17 +85,17 @@ def test_a_schedule_is_told_before_its_first_pulse_and_recorded(graph, running, 
 def test_the_audit_log_vouches_for_the_pulses_of_a_recording(graph, running, tmp_path) -> None:
     path = tmp_path / 'session'
     recorder = graph.add(Recorder, path=str(path))
-    graph.wait_for(lambda: running.driver.count_subscribers(topics.PULSES) == 1)
+    graph.wait_for(lambda: running.driver.count_subscribers(topics.PULSES) == 2)
     sensor = graph.add(lambda **options: Node('sensor', **options))
     force = sensor.create_publisher(WrenchStamped, topics.FORCE, qos.FORCE)
     graph.wait_for(lambda: force.get_subscription_count() >= 1)
     for index in range(3):
         force.publish(messages.force_message(index, 1.0, messages.AXES['z'], MESSAGE_TYPES))
-    running.arm()
-    assert running.run(WARM_UP).completed
+    running.activate()
+    assert running.ends().completed
     graph.wait_for(lambda: not running.driver._active)
-    running.driver.change(Transition.TRANSITION_ACTIVATE)
-    assert running.run(WARM_UP).completed
+    running.arm()
+    assert running.ends().completed
     graph.wait_for(lambda: not running.driver._active)
     graph.wait_for(lambda: recorder.counts[topics.PULSES].messages == 20)
     graph.wait_for(lambda: recorder.counts[topics.FORCE].messages == 3)

@@ -211,17 +211,6 @@ def test_a_second_driver_of_one_action_stops(clinic, graph):
     assert reason == 'expected one driver that serves /run_schedule, got 2'
 
 
-def test_simulated_time_is_refused_while_running(clinic):
-    lab = clinic()
-    client = lab.other.create_client(SetParameters, 'stimulator_driver/set_parameters')
-    lab.graph.wait_for(client.service_is_ready)
-    value = Parameter('use_sim_time', value=True).to_parameter_msg()
-    answer = lab.ask(client.call_async(SetParameters.Request(parameters=[value])))
-    assert not answer.results[0].successful
-    assert answer.results[0].reason.startswith('expected use_sim_time false')
-    assert not lab.driver.get_parameter('use_sim_time').value
-
-
 def test_the_bound_on_the_intensity_is_lowered_and_never_raised_while_armed(clinic):
     lab = clinic(maximum_intensity=0.8)
     client = lab.other.create_client(SetParameters, 'stimulator_driver/set_parameters')
@@ -322,3 +311,14 @@ def test_without_its_audit_log_nothing_is_armed(clinic, tmp_path):
     assert lab.ask(lab.ada.request()).success
     lab.graph.wait_for(lambda: 'audit' in lab.ask(lab.ada.confirm()).message)
     assert lab.controller.state.name == 'DISARMED'
+
+
+def test_simulated_time_is_refused_while_running(clinic):
+    lab = clinic()
+    client = lab.other.create_client(SetParameters, 'stimulator_driver/set_parameters')
+    lab.graph.wait_for(client.service_is_ready)
+    value = Parameter('use_sim_time', value=True).to_parameter_msg()
+    answer = lab.ask(client.call_async(SetParameters.Request(parameters=[value])))
+    assert not answer.results[0].successful
+    assert answer.results[0].reason.startswith('expected use_sim_time false')
+    assert not lab.driver.get_parameter('use_sim_time').value

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The identifier on real rclpy: the off-line answer, and bad input that it must survive."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -19,7 +19,6 @@ from rpms_ros.identification.estimation.tracking import TrackingEstimator
 from rpms_ros.identification.model.summation import TemporalSummation
 from rpms_ros.identification.stream.stream import save
 from rpms_ros.muscle import Contraction, simulation_subject
-from rpms_ros.nodes import identifier as identifier_module
 from rpms_ros.nodes.common import qos
 from rpms_ros.nodes.common.topics import MESSAGE_TYPES
 from rpms_ros.nodes.identifier import (
@@ -215,25 +214,6 @@ def test_the_log_says_when_the_estimate_is_not_to_be_trusted(
     assert 'the estimate is not to be trusted: ' in ''.join(said)
     bench.identifier._begin(build_stream(bench.identifier.settings))
     graph.wait_for(lambda: heard('nothing speaks against the estimate any more'))
-
-
-def test_who_waits_for_the_compilation_is_told(
-    graph, wait_for, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    said: list[str] = []
-
-    def slow(_: object, tell: Callable[[], None]) -> None:
-        tell()
-
-        def told() -> bool:
-            said.append(capfd.readouterr().err)
-            return 'compiling, once on a machine' in ''.join(said)
-
-        wait_for(told)
-
-    monkeypatch.setattr(identifier_module, 'warm_up', slow)
-    graph.add(Identifier)
-    assert 'identifying with' not in ''.join(said)
 
 
 @pytest.mark.parametrize(

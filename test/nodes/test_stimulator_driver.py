@@ -344,29 +344,3 @@ def test_realtime_priority_is_asked_for_every_thread_or_its_refusal_said(monkeyp
 
     monkeypatch.setattr('os.sched_setscheduler', refuse)
     assert ask_for_realtime(20).startswith('expected the right to real-time priority 20, got')
-
-
-@pytest.mark.long
-def test_what_it_does_is_said_in_the_log(driver_bench, capfd, tmp_path):
-    specification = tmp_path / 'idle.yaml'
-    text = (SPECIFICATIONS / 'simulated.yaml').read_text()
-    hurried = text.replace('limits:\n', 'limits:\n  idle_disarm_s: 3.0\n')
-    specification.write_text(hurried.replace('sources:\n', 'sources:\n  idle_disarm_s: chosen\n'))
-    lab = driver_bench(device_specification=str(specification))
-    lab.activate()
-    lab.refusal(ScheduleMessage())
-    assert lab.result(lab.send(SHORT)).result.completed
-    lab.wait_for_state(DriverStatus.DISARMED)
-    lab.arm()
-    lab.wait_for_state(DriverStatus.ARMED)
-    lab.wait_for_state(DriverStatus.DISARMED)
-    said = ''.join(capfd.readouterr())
-    for line in (
-        'configured: device open, disarmed',
-        'armed by nobody in particular',
-        'refused: segments: expected',
-        'running constant, 10 pulses',
-        'disarmed: completed',
-        'disarmed: idle: no pulse for 3 s while armed',
-    ):
-        assert line in said

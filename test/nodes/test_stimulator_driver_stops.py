@@ -213,17 +213,3 @@ def test_deaf_driver_of_a_blocked_executor_does_not_fire(driver_bench):
     stopped = bench.controller.delivered
     bench.wait_for_state(DriverStatus.STOPPED)
     assert bench.controller.delivered == stopped
-
-
-def test_diagnostics_are_ok_while_all_is_well(driver_bench, graph):
-    bench = driver_bench(button=True)
-    bench.run()
-    graph.wait_for(lambda: bool(bench.diagnostics))
-    status = bench.diagnostics[-1].status[0]
-    assert status.level == DiagnosticStatus.OK
-    assert status.name == '/stimulator_driver: stimulator'
-    assert {value.key for value in status.values} >= {
-        'state',
-        'device specification',
-        'energy [J]',
-    }

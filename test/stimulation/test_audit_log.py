@@ -44,15 +44,6 @@ def test_every_line_is_json_with_number_time_and_boot_and_chained(path):
     assert found.hash == lines[-1]['hash']
 
 
-def test_it_goes_on_where_it_ended(path):
-    filled(path)
-    before = path.read_bytes()
-    filled(path)
-    assert path.read_bytes().startswith(before)
-    assert verify_log(path).intact
-    assert len(verify_log(path).records) == 7
-
-
 def test_a_log_that_is_removed_takes_nothing_more_and_a_look_finds_it(path):
     with ChainedFile(path, AUDIT_LOG) as log:
         log.look()

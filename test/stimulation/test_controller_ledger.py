@@ -219,34 +219,6 @@ def test_a_ledger_that_is_removed_in_a_train_is_a_fault_and_ends_it(virtual, tmp
         assert len(driver.device.commands) <= 31
 
 
-def test_three_processes_on_one_ledger_keep_the_limit(virtual, tmp_path):
-    """What earlier processes had reserved counts, although they never said that it was over."""
-    limits = Limits(pulse_energy_j=100.0, continuous_power_w=10.0, energy_window_s=60.0)
-    given, refused, began_ns = 0, [], 0
-    for _ in range(3):
-        # the machine's clock goes on, that of the process begins anew
-        clock = [SECOND]
-        clocks = Clocks(
-            lambda now=clock: now[-1], lambda now=clock, began=began_ns: began + now[-1]
-        )
-        with DoseLedger(tmp_path, 'device', 'patient', clocks=clocks) as ledger:
-            driver = virtual(limits, ledger=ledger).armed()
-            driver.clock.meanwhile.append(lambda now=clock, own=driver.clock: now.append(own.now))
-            # not given back: as if the process had been killed
-            ledger.settle = list
-            try:
-                # 25 J each
-                driver.controller.start(constant(0.5, 0.5, 20.0))
-            except Refused as error:
-                refused.append(error.limit)
-            driver.advance(0.3)
-            given += len(driver.device.commands)
-            began_ns += driver.clock.now
-    # 600 J in a minute, of which 10 pulses were reserved; 6 of them were given
-    assert given == 6
-    assert refused == ['wait', 'wait']
-
-
 def test_processes_that_are_killed_never_exceed_the_dose(virtual, tmp_path):
     dose = DoseLimits(pulses=60, energy_j=1e6, window_h=24.0)
     given = 0

@@ -90,18 +90,6 @@ def vanished():
     raise DeviceError('expected the device, got nothing')
 
 
-def test_device_that_cannot_be_disarmed_is_left_to_its_own_watchdog(driver_in):
-    driver = driver_in(State.ARMED)
-    driver.controller.device.silence = vanished
-    driver.controller.disarm()
-    assert driver.controller.state is State.FAULT
-    assert driver.controller.fault_counts() == {'disarm': 1}
-    before = driver.device._last_sign_ns
-    driver.advance(2.0)
-    assert driver.device._last_sign_ns == before
-    assert driver.device.commands == []
-
-
 def test_idle_driver_disarms_itself(virtual):
     driver = virtual(Limits(idle_disarm_s=5.0)).armed()
     driver.advance(4.9)
@@ -164,14 +152,6 @@ def test_gate_refusal_in_a_run_ends_it_with_its_limit(virtual):
     assert run.ended.startswith('maximum_intensity_step: expected a step of at most 0.3 from 0.3')
     assert [value for _, value in driver.device.commands] == [0.3]
     assert driver.controller.state is State.DISARMED
-
-
-def test_second_schedule_is_refused_while_one_runs(driver_in):
-    driver = driver_in(State.RUNNING)
-    first = driver.controller.run
-    with pytest.raises(StimulationError, match='start: expected state ARMED, got RUNNING'):
-        driver.controller.start(TRAIN)
-    assert driver.controller.run is first
 
 
 def test_schedule_beyond_the_session_is_refused(virtual):
@@ -291,18 +271,6 @@ def test_a_halt_that_is_only_noted_keeps_the_owner_from_firing(driver_in):
     driver.controller.step()
     assert driver.device.commands == []
     assert driver.controller.status() == (State.DISARMED, True, 'a test')
-
-
-def test_a_stop_between_two_lines_of_the_owner_keeps_it_from_firing(driver_in):
-    driver = driver_in(State.RUNNING)
-    driver.advance(0.02)
-    driver.clock.now = driver.controller.due_ns()
-    run = driver.controller.run
-    assert driver.controller._permitted(run)
-    # by a service: no condition is open, and its halt is applied already
-    driver.controller.stop('test', 'a test')
-    assert driver.controller.interlocks.problem(driver.clock.now) is None
-    assert not driver.controller._permitted(run)
 
 
 def test_a_run_is_told_once_nothing_stands_against_it_and_before_its_first_pulse(virtual):

@@ -242,16 +242,6 @@ def test_across_boots_the_wall_clock_may_only_add_to_what_is_certain(
     assert opened().totals().pulses == 0
 
 
-def test_records_of_a_clock_that_was_not_set_stay_until_the_boot_is_old_enough(machine, opened):
-    machine.wall = 5 * SECOND
-    first = opened()
-    first.reserve(planned(machine, 5))
-    killed(first)
-    machine.wall = EARLIEST_WALL_NS + HOUR
-    machine.restart('second', 0.0)
-    assert opened().totals().pulses == 5
-
-
 def ledgers_of(folder):
     return folder / 'device-coil-1.ledger', folder / 'patient-p01.ledger'
 

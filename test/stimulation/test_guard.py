@@ -285,9 +285,7 @@ def test_line_that_never_becomes_quiet(fake, driver):
         pytest.fail('still listening')
 
 
-@pytest.mark.parametrize(
-    'number', ['SIGHUP', 'SIGINT', 'SIGQUIT', 'SIGTERM', 'SIGUSR1', 'SIGALRM', 'SIGXCPU']
-)
+@pytest.mark.parametrize('number', ['SIGHUP', 'SIGTERM', 'SIGXCPU'])
 def test_a_signal_to_the_guard_disarms_first(fake, driver, number, wait_for):
     driver.armed().guard.send_signal(signal.Signals[number])
     assert 'the guard was told to end' in driver.ended()
@@ -360,7 +358,7 @@ def attacked_at_random(fake, chance):
     driver.close()
 
 
-@pytest.mark.parametrize('seed', range(12))
+@pytest.mark.parametrize('seed', range(6))
 def test_whatever_a_driver_sends_no_trigger_passes_the_bound_and_it_ends_disarmed(
     fake, seed, wait_for
 ):

@@ -141,9 +141,7 @@ def test_instrument_hangs(train, wait_for):
     assert run.process.wait(60) == 0
 
 
-@pytest.mark.parametrize(
-    'number', ['SIGHUP', 'SIGQUIT', 'SIGTERM', 'SIGINT', 'SIGUSR1', 'SIGSEGV']
-)
+@pytest.mark.parametrize('number', ['SIGTERM', 'SIGSEGV'])
 def test_a_signal_to_the_group_of_the_driver_leaves_the_guard(train, wait_for, number):
     fake, run = train()
     run.process.send_signal(signal.Signals[number])

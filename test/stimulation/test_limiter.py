@@ -142,15 +142,6 @@ def test_session_outlives_everything():
     assert limiter.refusal(100 * SECOND, 1.0, WIDTH).limit == 'session_energy_j'
 
 
-def test_copied_books_leave_the_real_ones_alone():
-    limiter = PulseLimiter(Limits(session_pulses=5))
-    limiter.book(0, 0.5)
-    trial = limiter.copied()
-    give(trial, regular(4, 10.0, start=1.0), 0.5)
-    assert (limiter.session_pulses, trial.session_pulses) == (1, 5)
-    assert limiter.refusal(SECOND, 0.5, WIDTH) is None
-
-
 def test_history_counts_as_if_this_process_had_fired_it():
     limits = Limits(pulse_energy_j=100.0, continuous_power_w=30.0, energy_window_s=10.0)
     limiter = PulseLimiter(limits)
@@ -218,13 +209,3 @@ def test_no_intensity_of_an_earlier_process_is_known():
     refusal = limiter.refusal(SECOND, 0.2, WIDTH)
     assert refusal.limit == 'maximum_intensity_rise'
     assert 'at most 0.1 more than 0, the strongest of the 60 s before' in refusal.reason
-
-
-def test_a_wait_that_is_hardly_too_short_is_told_from_its_limit():
-    limiter = PulseLimiter(Limits(pulse_energy_j=0.5, continuous_power_w=1.5))
-    give(limiter, regular(20, 20.0), 1.0)
-    # 10 J / 1.5 W less the second that the train lasted
-    reason = limiter.refusal(round((0.95 + 5.6666) * SECOND), 0.1, WIDTH).reason
-    assert reason == (
-        'expected a wait of 5.6667 s after a train of 20 pulses and 10 J, got 5.6666 s'
-    )

@@ -115,7 +115,6 @@ def many(segment):
     ('text', 'fault'),
     [
         ('', 'expected a YAML document, got an empty one'),
-        ('segments: [', 'expected a YAML document, got while parsing'),
         ('[1, 2]', 'expected a mapping of names to values, got'),
         ('name: x', r'line 1, segments: expected a list of segments, got None'),
         ('segments: []', r'line 1, segments: expected a list of segments, got \[\]'),
@@ -124,25 +123,15 @@ def many(segment):
             r'line 1, name: expected a text of 1 to 64 printable characters, got 3',
         ),
         ('segments: [{kind: single}]\nspeed: 3', r'line 2, speed: expected one of .*, got'),
-        ('segments: [7]', r'segments\[0\]: expected a mapping .* got 7'),
         ('segments: [{kind: blast}]', r'segments\[0\]\.kind: expected one of .* got .blast'),
-        ('segments: [{kind: [1]}]', r'segments\[0\]\.kind: expected one of .* got \[1\]'),
         ('segments:\n- {kind: pause}', r'line 2, segments\[0\]\.duration_s: expected .* nothing'),
         (
             'segments:\n- {kind: single}\n- kind: constant\n  rate_hz: 0\n  duration_s: 1.0',
             r'line 4, segments\[1\]\.rate_hz: expected a number in \[0\.001, 1000\] Hz, got 0',
         ),
         (
-            'segments:\n- kind: constant\n  rate_hz: 1.0e+4\n  duration_s: 1.0',
-            r'line 3, segments\[0\]\.rate_hz: expected .* got 10000',
-        ),
-        (
             'segments:\n- kind: repeat\n  segments:\n  - {kind: pause, duration_s: -1.0}',
             r'line 4, segments\[0\]\.segments\[0\]\.duration_s: expected .* got -1',
-        ),
-        (
-            'segments:\n- {kind: pause, duration_s: .nan}',
-            r'line 2, segments\[0\]\.duration_s: expected .* got nan',
         ),
         (
             'segments:\n- {kind: staircase, rate_hz: 20.0, duration_s: 1.0, levels: [0.5, 2.0]}',
@@ -158,9 +147,6 @@ def many(segment):
         ),
         ('seed: -1\nsegments: [{kind: single}]', r'line 1, seed: expected a whole number'),
         (nested(9), 'expected at most 8 repeats in one another'),
-        ('a: &a [1]\nsegments: *a', 'line 1, a: expected no anchor, got &a'),
-        ('x' * 200_001, 'expected at most 200000 characters of YAML, got 200001'),
-        ('[' * 5000, 'expected at most 40 levels of nesting'),
         (many('{kind: single}'), 'expected at most 500000 pulses'),
         (
             many('{kind: pause, duration_s: 1.0e-6}'),

@@ -43,15 +43,6 @@ def test_pulse_has_the_intensity_that_was_asked_for_and_read_back(fake, device):
     assert fake.fired() == [50]
 
 
-def test_intensities_are_rounded_downwards(fake, device):
-    device.arm()
-    for share in (0.455, 0.555, 0.29, 1.0):
-        device.prepare(share)
-        device.fire(share, MAGNETIC_PULSE_WIDTH)
-    assert fake.fired() == [45, 55, 29, 100]
-    assert device.quantized(0.455) == 0.45
-
-
 @pytest.mark.parametrize(('version', 'read_back'), [('5.0.0', 21), ('7.1', 22), ('11.0.0', 24)])
 def test_intensity_is_read_back_from_every_published_version(
     instrument, version, read_back, armed, patient_device
@@ -166,15 +157,6 @@ def test_coil_of_a_disarmed_device_may_be_changed(fake, device, armed):
         device.keep_alive()
 
 
-def test_preparation_sees_it_before_any_trigger(fake, device, wait_for, armed):
-    armed(device)
-    fake.coil = False
-    with pytest.raises(DeviceError, match='got no coil: status'):
-        device.prepare(0.5)
-    wait_for(lambda: not fake.armed)
-    assert fake.fired() == []
-
-
 def test_a_trigger_that_found_the_device_charging_is_no_delivery(device, armed, monkeypatch):
     armed(device)
     status = rapid2.ARMED | rapid2.COIL_PRESENT | rapid2.REMOTE
@@ -236,17 +218,6 @@ def test_device_that_does_not_charge(instrument, monkeypatch, patient_device):
         device.arm()
     device.close()
     assert not fake.armed
-
-
-def test_instrument_that_is_not_ready_gives_no_pulse(instrument, armed, patient_device):
-    fake = instrument(recharge_s=60.0, watchdog_s=20.0)
-    device = patient_device(fake.port)
-    device.open()
-    armed(device).fire(0.5, MAGNETIC_PULSE_WIDTH)
-    with pytest.raises(DeviceError, match='got S: a command that does not suit its state'):
-        device.fire(0.5, MAGNETIC_PULSE_WIDTH)
-    device.close()
-    assert fake.fired() == [50]
 
 
 def test_rest_is_intensity_zero_and_stays_armed(fake, device, armed):

@@ -30,14 +30,6 @@ def test_a_button_that_is_there_and_says_nothing_counts() -> None:
     assert buttons.problem(0) is None
 
 
-def test_two_buttons_of_one_node_are_both_told() -> None:
-    buttons = StopButtons(0.3)
-    buttons.present({A: '/desk', B: '/desk'})
-    buttons.heard(A, 1, True, 0)
-    buttons.heard(B, 1, False, 0)
-    assert buttons.states(0) == [('/desk', ButtonState.PRESSED), ('/desk', ButtonState.RELEASED)]
-
-
 def test_silence_counts_as_pressed() -> None:
     buttons = StopButtons(0.3)
     buttons.heard(A, 1, False, 0)
@@ -46,15 +38,6 @@ def test_silence_counts_as_pressed() -> None:
         'expected stop button 61 to say its state every 0.3 s, got silence for 0.3 s'
     )
     assert buttons.states(LATER_NS) == [('61', ButtonState.SILENT)]
-
-
-def test_any_one_pressed_counts_whatever_the_others_say() -> None:
-    buttons = StopButtons(0.3)
-    buttons.heard(A, 1, True, 0)
-    for sequence in range(1000):
-        buttons.heard(B, sequence, False, 0)
-    assert buttons.problem(0) == 'emergency stop is pressed (61)'
-    assert buttons.pressed
 
 
 def test_a_press_counts_that_is_released_before_anybody_looks() -> None:
