@@ -222,47 +222,6 @@ class DriverGone(Exception):
     """The driver has left, or sends what no driver sends."""
 
 
-class DriverSocket:
-    """Packets of one driver, over a descriptor that does not block and keeps their boundaries.
-
-    Parameters
-    ----------
-    descriptor : int
-        Of the socket.
-    """
-
-    def __init__(self, descriptor: int) -> None:
-        self.descriptor = descriptor
-
-    def received(self) -> list[Packet]:
-        """Return what the driver has sent, oldest first.
-
-        Raises
-        ------
-        DriverGone
-            If its end is closed, or if one of them is no packet.
-        """
-        received: list[Packet] = []
-        while len(received) < _AT_ONCE:
-            try:
-                raw = os.read(self.descriptor, packets.MAXIMUM_PACKET + 1)
-                if not raw:
-                    raise DriverGone('the driver is gone')
-                received.append(packets.unpacked(raw, packets.FROM_DRIVER))
-            except BlockingIOError:
-                break
-            except OSError as error:
-                raise DriverGone(f'the driver is gone: {error}') from error
-            except ValueError as error:
-                raise DriverGone(str(error)) from error
-        return received
-
-    def tell(self, kind: bytes, payload: bytes = b'', sequence: int = 0, time_ns: int = 0) -> None:
-        """Send a packet; one that cannot be sent is dropped."""
-        with contextlib.suppress(OSError):
-            os.write(self.descriptor, packets.packed(Packet(kind, sequence, time_ns, payload)))
-
-
 class Guard:
     """Serves one driver over one line until the driver leaves or something is wrong.
 
@@ -291,7 +250,7 @@ class Guard:
         self.line = Line(line, clock)
         self.limits = limits
         self.ended = ''
-        self._driver = DriverSocket(driver)
+        self._driver = driver
         self._wakeup = wakeup
         self._clock = clock
         # nothing is relayed before the driver says that it listens
@@ -309,19 +268,19 @@ class Guard:
         """Serve until the end; return why it ended, with the instrument disarmed."""
         poll = select.poll()
         poll.register(self.line.descriptor, select.POLLIN)
-        poll.register(self._driver.descriptor, select.POLLIN)
+        poll.register(self._driver, select.POLLIN)
         poll.register(self._wakeup, select.POLLIN)
         try:
             while not self.ended or self._attempts:
                 ready = {descriptor for descriptor, _ in poll.poll(self._pause_ms())}
                 self._step(ready)
-                if self.ended and self._driver.descriptor in ready:
-                    poll.unregister(self._driver.descriptor)
+                if self.ended and self._driver in ready:
+                    poll.unregister(self._driver)
                 if self._wakeup in ready:
                     poll.unregister(self._wakeup)
             self.line.silence(rapid2.framed(rapid2.RELEASE))
         except LineError as error:
-            self._driver.tell(packets.DISARMED, str(error).encode())
+            self._tell(packets.DISARMED, str(error).encode())
             return str(error)
         except BaseException:
             # a mistake in here must not leave it armed
@@ -343,17 +302,17 @@ class Guard:
         self._attempts = _DISARM_ATTEMPTS
         self._disarm()
         for sequence in refused:
-            self._driver.tell(packets.REFUSED, reason.encode(), sequence)
+            self._tell(packets.REFUSED, reason.encode(), sequence)
         if told and was_live:
-            self._driver.tell(packets.DISARMED, reason.encode())
+            self._tell(packets.DISARMED, reason.encode())
 
     def _step(self, ready: set[int]) -> None:
         if self._wakeup in ready:
             self._end('the guard was told to end')
         # everything that the driver has sent: a silence counts before what was sent earlier
-        if self._driver.descriptor in ready and not self.ended:
+        if self._driver in ready and not self.ended:
             try:
-                self._obey(self._driver.received())
+                self._obey(self._received())
             except DriverGone as error:
                 self._end(str(error))
         if self.line.descriptor in ready:
@@ -367,6 +326,36 @@ class Guard:
 
     # ---- the driver
 
+    def _received(self) -> list[Packet]:
+        """Return what the driver has sent, oldest first.
+
+        Raises
+        ------
+        DriverGone
+            If its end is closed, or if one of them is no packet.
+        """
+        received: list[Packet] = []
+        while len(received) < _AT_ONCE:
+            try:
+                raw = os.read(self._driver, packets.MAXIMUM_PACKET + 1)
+                if not raw:
+                    raise DriverGone('the driver is gone')
+                received.append(packets.unpacked(raw, packets.FROM_DRIVER))
+            except BlockingIOError:
+                break
+            except OSError as error:
+                raise DriverGone(f'the driver is gone: {error}') from error
+            except ValueError as error:
+                raise DriverGone(str(error)) from error
+        return received
+
+    def _tell(
+        self, kind: bytes, payload: bytes = b'', sequence: int = 0, time_ns: int = 0
+    ) -> None:
+        """Send a packet; one that cannot be sent is dropped."""
+        with contextlib.suppress(OSError):
+            os.write(self._driver, packets.packed(Packet(kind, sequence, time_ns, payload)))
+
     def _obey(self, received: list[Packet]) -> None:
         if received:
             self._beat_ns = self._clock()
@@ -379,14 +368,14 @@ class Guard:
             reason = 'the driver has silenced the device'
             for packet in received[:last]:
                 if packet.kind in (packets.EXCHANGE, packets.LISTEN):
-                    self._driver.tell(packets.REFUSED, reason.encode(), packet.sequence)
+                    self._tell(packets.REFUSED, reason.encode(), packet.sequence)
             self.silence(reason, told=False)
             received = received[last:]
         for packet in received:
             if self.ended:
                 return
             if packet.kind == packets.BEAT:
-                self._driver.tell(packets.PONG, b'', packet.sequence)
+                self._tell(packets.PONG, b'', packet.sequence)
             elif packet.kind == packets.LISTEN:
                 self._begin_to_listen(packet)
             else:
@@ -396,7 +385,7 @@ class Guard:
         """Relay an exchange at once, or when the line is free."""
         if not self._live:
             reason = b'expected a driver that listens to an armed line, got a silenced one'
-            self._driver.tell(packets.REFUSED, reason, packet.sequence)
+            self._tell(packets.REFUSED, reason, packet.sequence)
         elif self.line.outstanding is None:
             self._relay(packet)
         elif len(self._waiting) < _WAITING:
@@ -417,15 +406,15 @@ class Guard:
         bound = self.limits.maximum_percent
         if percent is not None and percent > bound:
             self.silence(f'expected at most {bound} percent, got {percent}')
-            self._driver.tell(packets.REFUSED, b'above the maximum intensity', packet.sequence)
+            self._tell(packets.REFUSED, b'above the maximum intensity', packet.sequence)
             return
         if command == rapid2.TRIGGER and self._percent is None:
             self.silence('expected an intensity before a trigger, got none')
-            self._driver.tell(packets.REFUSED, b'a trigger without an intensity', packet.sequence)
+            self._tell(packets.REFUSED, b'a trigger without an intensity', packet.sequence)
             return
         # the last moment before it is written
         if self._clock() > packet.time_ns:
-            self._driver.tell(packets.LATE, b'', packet.sequence)
+            self._tell(packets.LATE, b'', packet.sequence)
             return
         self._ask(command, length, packet.sequence)
 
@@ -437,7 +426,7 @@ class Guard:
         except LineBusy as error:
             self.silence(str(error))
             if sequence is not None:
-                self._driver.tell(packets.REFUSED, str(error).encode(), sequence)
+                self._tell(packets.REFUSED, str(error).encode(), sequence)
 
     def _begin_to_listen(self, packet: Packet) -> None:
         self._listening = packet
@@ -468,9 +457,7 @@ class Guard:
             percent = rapid2.percent_of(exchange.command)
             if percent is not None and _obeyed(exchange):
                 self._percent = percent
-            self._driver.tell(
-                packets.ANSWER, exchange.answer, exchange.sequence, exchange.written_ns
-            )
+            self._tell(packets.ANSWER, exchange.answer, exchange.sequence, exchange.written_ns)
             return
         try:
             status = rapid2.parsed(exchange.command, exchange.answer, exchange.length).status
@@ -526,7 +513,7 @@ class Guard:
             return
         if now - self._quiet_ns >= _QUIET_NS:
             self._listening, self._live = None, True
-            self._driver.tell(packets.LISTEN, b'', packet.sequence)
+            self._tell(packets.LISTEN, b'', packet.sequence)
         elif now - self._noise_ns > _LONGEST_NOISE_NS:
             self.silence(f'expected a quiet line, got {self._heard!r} all the time')
 

@@ -90,13 +90,6 @@ class PlantParameters(NodeParameters):
         minimum=-1.0,
         maximum=_LARGEST_FORCE,
     )
-    largest_force: float = parameter(
-        _LARGEST_FORCE,
-        'Largest force that the sensor shows.',
-        unit='N',
-        minimum=1e-3,
-        maximum=_LARGEST_FORCE,
-    )
     axis: str = parameter(
         'z', 'Axis of the wrench.', choices=('x', 'y', 'z', '-x', '-y', '-z'), true_is='y'
     )
@@ -115,7 +108,7 @@ class PlantParameters(NodeParameters):
     scenario: str = parameter(
         '',
         'Name or YAML file of a scenario; empty for a muscle that does not change. '
-        'Noise and largest_force given as parameters replace those of the scenario.',
+        'Noise given as a parameter replaces that of the scenario.',
     )
     minimum_subscribers: int = parameter(
         0, 'Subscribers of the force to wait for before the first sample.', minimum=0, maximum=100
@@ -141,18 +134,17 @@ def subject_of(settings: PlantParameters) -> Subject:
 
 
 def scenario_of(settings: PlantParameters) -> Scenario:
-    """Return the scenario; noise and largest force of the parameters replace its own."""
+    """Return the scenario; the noise of the parameters replaces its own."""
     scenario = load_scenario(settings.scenario) if settings.scenario else Scenario()
-    given: dict[str, float] = {}
-    if settings.largest_force != _LARGEST_FORCE or not settings.scenario:
-        given['saturation'] = settings.largest_force
-    if settings.noise >= 0.0:
-        given['noise'] = settings.noise
-    elif not settings.scenario:
+    noise = settings.noise
+    if noise < 0.0 and settings.scenario:
+        return scenario
+    if noise < 0.0:
         # without any a resting force would be that of a sensor that is stuck
-        given['noise'] = _NOISE_SHARE * subject_of(settings).maximum_force
-    disturbances = dataclasses.replace(scenario.disturbances, **given)
-    return dataclasses.replace(scenario, disturbances=disturbances)
+        noise = _NOISE_SHARE * subject_of(settings).maximum_force
+    return dataclasses.replace(
+        scenario, disturbances=dataclasses.replace(scenario.disturbances, noise=noise)
+    )
 
 
 def build_plant(settings: PlantParameters) -> SampledPlant:

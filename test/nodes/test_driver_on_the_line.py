@@ -10,14 +10,9 @@ from pathlib import Path
 
 import pytest
 from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState
-from rclpy.node import Node
 
 from rpms_msgs.msg import DriverStatus, Pulse
-from rpms_ros.nodes.common import qos, topics
-from rpms_ros.nodes.common.operator import ButtonPublisher, OperatorClient
 from rpms_ros.nodes.driver.parameters import driver_settings_of
-from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.stimulation import constant
 from rpms_ros.stimulation.devices.serial_line import SerialDevice
 
@@ -50,7 +45,9 @@ def batch(monkeypatch):
 
 
 @pytest.fixture
-def theatre(graph, instrument, patient_file, specification_file, tmp_path, monkeypatch, more):
+def theatre(
+    driver_bench, instrument, patient_file, specification_file, tmp_path, monkeypatch, more
+):
     """An instrument, its driver with everything that a real device needs, and an operator."""
     fake = instrument(watchdog_s=20.0)
 
@@ -72,59 +69,47 @@ def theatre(graph, instrument, patient_file, specification_file, tmp_path, monke
 
     monkeypatch.setattr('rpms_ros.stimulation.devices.serial_line.build', build)
     monkeypatch.setattr('rpms_ros.nodes.stimulator_driver.driver_settings_of', settings_of)
-    parameters = {
-        'device': 'serial',
-        'port': fake.port,
-        'device_specification': str(specification_file),
-        'patient_file': str(patient_file),
-        'ledger_folder': str(tmp_path / 'ledger'),
-        'audit_log': str(tmp_path / 'audit.jsonl'),
-        # a machine under load may stall for longer than the default allows
-        'stop_button_timeout': 5.0,
-        'heartbeat_timeout': 5.0,
-        'lateness_limit': 0.1,
-    }
-    driver = graph.add(StimulatorDriver, **parameters, **more)
-    other = graph.add(lambda **options: Node('other', **options))
-    button, ada = ButtonPublisher(other), OperatorClient(other, 'ada')
-    changes = other.create_client(ChangeState, 'stimulator_driver/change_state')
-    graph.wait_for(lambda: ada.ready and changes.service_is_ready())
-    request = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_CONFIGURE))
-    future = changes.call_async(request)
-    graph.wait_for(future.done)
-    assert future.result().success
-    yield fake, driver, other, button, ada
-    ada.destroy()
+    bench = driver_bench(
+        button=True,
+        operator='ada',
+        require_stop_button=True,
+        device='serial',
+        port=fake.port,
+        device_specification=str(specification_file),
+        patient_file=str(patient_file),
+        ledger_folder=str(tmp_path / 'ledger'),
+        audit_log=str(tmp_path / 'audit.jsonl'),
+        **more,
+    )
+    assert bench.change(Transition.TRANSITION_CONFIGURE)
+    return fake, bench
 
 
-def refused_arming(graph, driver, ada):
+def refused_arming(bench):
     """Ask for an arming until the reason why it is refused is neither heartbeat nor button."""
-    ada.enable = True
-    ada.request()
-    graph.wait_for(lambda: bool(ada.token))
-    reasons = ['']
+    bench.ada.enable = True
+    assert bench.ask(bench.ada.request()).success
+    bench.graph.wait_for(lambda: bool(bench.ada.token))
+    reasons = []
 
     def said():
-        future = ada.confirm()
-        graph.wait_for(future.done)
-        assert not future.result().success
-        reasons.append(future.result().message)
+        answer = bench.ask(bench.ada.confirm())
+        assert not answer.success
+        reasons.append(answer.message)
         return 'patient' in reasons[-1]
 
-    graph.wait_for(said)
-    assert driver.controller.state.name == 'DISARMED'
+    bench.graph.wait_for(said)
+    assert bench.controller.state.name == 'DISARMED'
     return reasons[-1]
 
 
-def test_a_patient_whose_figures_have_expired_meanwhile_is_not_stimulated(
-    graph, theatre, patient_file
-):
-    fake, driver, _other, _button, ada = theatre
+def test_a_patient_whose_figures_have_expired_meanwhile_is_not_stimulated(theatre, patient_file):
+    fake, bench = theatre
     lines = patient_file.read_text().splitlines()
     past = {'set_on': '2020-01-01', 'expires': '2020-01-02'}
     dated = [next((f'{k}: {d}' for k, d in past.items() if k in line), line) for line in lines]
     patient_file.write_text('\n'.join(dated))
-    reason = refused_arming(graph, driver, ada)
+    reason = refused_arming(bench)
     assert reason.startswith('patient P01: expected a day from 2020-01-01 to 2020-01-02, got')
     assert not fake.armed
 
@@ -138,14 +123,14 @@ def test_a_patient_whose_figures_have_expired_meanwhile_is_not_stimulated(
     ],
 )
 def test_figures_of_the_patient_that_were_changed_need_a_new_start(
-    graph, theatre, patient_file, before, after
+    theatre, patient_file, before, after
 ):
-    fake, driver, _other, _button, ada = theatre
+    fake, bench = theatre
     # what changes no limit changes nothing
     text = patient_file.read_text().replace('set_by: A. Physician', 'set_by: B. Physician')
     assert before in text
     patient_file.write_text(text.replace(before, after))
-    reason = refused_arming(graph, driver, ada)
+    reason = refused_arming(bench)
     assert reason == (
         f'expected the figures of {patient_file} and of the device specification as they were at '
         'the start, got others: start the driver again'
@@ -153,26 +138,15 @@ def test_figures_of_the_patient_that_were_changed_need_a_new_start(
     assert not fake.armed
 
 
-def test_a_press_disarms_the_instrument_and_what_came_is_told(graph, theatre):
-    fake, driver, other, button, ada = theatre
-    pulses, statuses = [], []
-    other.create_subscription(Pulse, topics.PULSES, pulses.append, qos.PULSES)
-    other.create_subscription(DriverStatus, topics.DRIVER_STATUS, statuses.append, qos.STATUS)
-    ada.enable = True
-    ada.request()
-    graph.wait_for(lambda: bool(ada.token))
-
-    def confirmed():
-        future = ada.confirm()
-        graph.wait_for(future.done)
-        return future.result().success
-
-    graph.wait_for(confirmed)
+def test_a_press_disarms_the_instrument_and_what_came_is_told(theatre):
+    fake, bench = theatre
+    graph, pulses, statuses = bench.graph, bench.pulses, bench.statuses
+    bench.arm()
     assert fake.armed
-    ada.start(LONG)
+    bench.ada.start(LONG)
     graph.wait_for(lambda: len(pulses) > 3)
-    button.set(True)
-    graph.wait_for(lambda: statuses[-1].state == DriverStatus.STOPPED)
+    bench.button.set(True)
+    bench.wait_for_state(DriverStatus.STOPPED)
     graph.wait_for(lambda: not fake.armed)
     given = len(fake.triggers)
     graph.wait_for(lambda: len(pulses) >= given and statuses[-1].dose_pulses >= given)
@@ -186,11 +160,11 @@ def test_a_press_disarms_the_instrument_and_what_came_is_told(graph, theatre):
     assert all(pulse.unverified & Pulse.UNVERIFIED_DELIVERY for pulse in pulses)
     assert {pulse.intensity for pulse in pulses} == {0.1}
     assert statuses[-1].device == f'serial {fake.port}'
-    assert driver.controller.device.real
+    assert bench.controller.device.real
 
 
 @pytest.mark.usefixtures('batch')
 @pytest.mark.parametrize('more', [{'realtime_priority': 5}])
 def test_the_guard_has_the_priority_of_the_driver(theatre):
-    _fake, driver, *_ = theatre
-    assert os.sched_getscheduler(driver.controller.device.guard_pid) == os.SCHED_BATCH
+    _, bench = theatre
+    assert os.sched_getscheduler(bench.controller.device.guard_pid) == os.SCHED_BATCH
