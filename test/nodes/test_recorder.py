@@ -141,18 +141,6 @@ def test_a_topic_that_is_named_twice_is_recorded_once(graph, tmp_path: Path) -> 
         assert reader.message_count == 3
 
 
-def test_a_path_may_begin_with_the_home(
-    graph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # no shell replaces the tilde in path:=~/session
-    monkeypatch.setenv('HOME', str(tmp_path))
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / 'key').write_text('correct horse battery staple')
-    recorder = graph.add(Recorder, path='~/session', key_file='~/key')
-    recorder.close()
-    assert (tmp_path / 'session' / 'metadata.yaml').is_file()
-
-
 def test_missing_samples_are_seen_by_the_stamps() -> None:
     count = TopicCount()
     for index in (0, 1, 2, 5, 6):

@@ -120,9 +120,7 @@ def test_deactivation_ends_the_goal(driver_bench, graph):
     ('changes', 'reason'),
     [
         (None, 'segments: expected at least one segment, got none'),
-        ({'rate_hz': 0.0}, 'segments[0].rate_hz: expected a number in [0.001, 1000] Hz'),
         ({'rate_hz': 60.0}, 'maximum_rate_hz: expected at most 50 Hz'),
-        ({'duration_s': -0.2}, 'segments[0].duration_s: expected a number'),
         ({'duration_s': math.nan}, 'segments[0].duration_s: expected a number'),
         ({'high': 0.1}, 'segments[0].high: expected nothing here'),
     ],

@@ -54,16 +54,6 @@ def test_two_steps_arm(authority: Authority) -> None:
     authority.require('ada', ada.token)
 
 
-def test_a_confirmation_that_did_not_arm_can_be_repeated(authority: Authority) -> None:
-    ada = Operator(authority).request()
-    ada.beat(0)
-    ada.confirm(0)
-    authority.take_back()
-    assert not authority.confirmed
-    ada.confirm(1)
-    assert authority.confirmed
-
-
 def test_nobody_else_arms_or_starts(authority: Authority) -> None:
     ada = Operator(authority).request()
     eve = Operator(authority, 'eve', b'e')

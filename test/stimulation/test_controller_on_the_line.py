@@ -95,9 +95,17 @@ def meddled_train(instrument, armed_on_the_line, wait_for):
     return run_it
 
 
-@pytest.mark.parametrize('who', [panel, second_master, silent_master])
-@pytest.mark.parametrize('rate_hz', [5.0, 20.0])
-@pytest.mark.parametrize(('after', 'count'), [(b'\\@', 2), (b'@010', 3), (b'\\@', 3), (b'EH', 3)])
+@pytest.mark.parametrize(
+    ('who', 'rate_hz', 'after', 'count'),
+    [
+        (panel, 5.0, b'\\@', 2),
+        (panel, 20.0, b'@010', 3),
+        (second_master, 5.0, b'\\@', 3),
+        (second_master, 20.0, b'EH', 3),
+        (silent_master, 5.0, b'EH', 3),
+        (silent_master, 20.0, b'\\@', 2),
+    ],
+)
 def test_wrong_intensity_is_never_told_as_verified(meddled_train, who, rate_hz, after, count):
     _, given, _ = meddled_train(who, after, count, rate_hz)
     assert given.count(90) <= 1

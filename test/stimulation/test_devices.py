@@ -9,7 +9,6 @@ from hypothesis import given, strategies as st
 from rpms_ros.stimulation.devices import (
     SimulatedDevice,
     TooLate,
-    WireTimes,
 )
 from rpms_ros.stimulation.devices.registry import quantized_down
 
@@ -44,17 +43,6 @@ def ready(**options):
     device.arm()
     device.prepare(0.5)
     return device, now
-
-
-def test_exchanges_take_their_time_on_the_wire():
-    device, now = ready(wire=WireTimes(0.005, 0.003, 0.003, 0.004), steps=100)
-    assert now[0] == 5_000_000
-    assert device.trigger_s == 0.003
-    assert device.fire(0.5, WIDTH).time_ns == 8_000_000
-    assert now[0] == 12_000_000
-    device.keep_alive()
-    assert now[0] == 15_000_000
-    assert device.quantized(0.455) == 0.45
 
 
 def test_trigger_after_its_latest_time_is_not_given():

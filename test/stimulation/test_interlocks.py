@@ -21,16 +21,6 @@ def test_sign_of_life_ages():
     assert reason == 'heart: expected a sign of life within 1 s, got none for 1 s'
 
 
-def test_condition_is_open_until_it_is_closed():
-    interlocks = Interlocks({})
-    interlocks.close('door')
-    interlocks.open('door', 'the door is open')
-    assert interlocks.problem(0) == ('door', 'the door is open')
-    interlocks.close('door')
-    assert interlocks.problem(0) is None
-    assert not interlocks.latched
-
-
 def test_short_silence_holds_pulses_back_before_it_is_a_problem():
     interlocks = Interlocks({})
     interlocks.require('ears', 0.5, hold_s=0.04)

@@ -97,17 +97,6 @@ def test_line_that_is_a_trigger_on_some_cables_is_off(fake, monkeypatch):
     assert asked == [False]
 
 
-def test_triggers_above_the_bound_do_not_pass_the_guard(fake, wait_for, armed, patient_device):
-    device = patient_device(fake.port, maximum_intensity=0.405)
-    device.open()
-    armed(device, 0.4).fire(0.4, MAGNETIC_PULSE_WIDTH)
-    with pytest.raises(DeviceError, match='expected at most 40 percent, got 41'):
-        device.prepare(0.41)
-    wait_for(lambda: not fake.armed)
-    device.close()
-    assert b'@041' not in fake.frames
-
-
 def test_a_child_of_the_driver_inherits_nothing_that_keeps_it_alive(device):
     held = (device._line._line, device._line._socket)
     assert not any(os.get_inheritable(descriptor.number) for descriptor in held)

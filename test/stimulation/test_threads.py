@@ -91,7 +91,7 @@ def test_pulses_come_when_they_are_due_never_before(running, wait_for):
     assert controller.state is State.DISARMED
 
 
-@pytest.mark.parametrize('call', ['prepare', 'fire', 'rest', 'beat'])
+@pytest.mark.parametrize('call', ['fire', 'rest'])
 def test_hang_is_latched_and_cleaned_up_while_it_lasts(running, wait_for, call):
     controller, fired, _ = running
     device = controller.device
