@@ -8,12 +8,10 @@ from rpms_ros.identification.analysis.recruitment_field import (
     SteadyPoint,
     fit_field,
 )
-from rpms_ros.identification.analysis.responses import AnalysisSettings
 from rpms_ros.identification.analysis.trains import SummationAnalysis, TrainLaw, analyze_trains
 from rpms_ros.identification.analysis.twitches import TwitchAnalysis
 
 __all__ = [
-    'AnalysisSettings',
     'FieldAnalysis',
     'MuscleAnalysis',
     'SteadyPoint',

@@ -17,7 +17,10 @@ from rpms_ros.identification.analysis.recruitment_field import (
     steady_point,
 )
 from rpms_ros.identification.analysis.responses import (
-    AnalysisSettings,
+    ARTIFACT_SEARCH,
+    BLANKING,
+    LEFT_OVER,
+    REST,
     Artifacts,
     Cutter,
     Kind,
@@ -94,7 +97,6 @@ Progress = Callable[[str, int, int], None]
 def analyze(
     pulses: PulseTrain,
     force: ForceTrace,
-    settings: AnalysisSettings | None = None,
     progress: Progress | None = None,
 ) -> MuscleAnalysis:
     """Analyse a recording.
@@ -105,8 +107,6 @@ def analyze(
         Delivered pulses, in any order; an intensity of NaN is one that was not recorded.
     force : ForceTrace
         Measured force, in any order.
-    settings : AnalysisSettings, optional
-        Spans and thresholds.
     progress : callable, optional
         Called with a label, the number done and the total number.
 
@@ -115,7 +115,7 @@ def analyze(
     IdentificationError
         If there are fewer than 100 force samples.
     """
-    return _Analysis(pulses, force, settings or AnalysisSettings(), progress).result()
+    return _Analysis(pulses, force, progress).result()
 
 
 class _Analysis:
@@ -125,16 +125,14 @@ class _Analysis:
         self,
         pulses: PulseTrain,
         force: ForceTrace,
-        settings: AnalysisSettings,
         progress: Progress | None,
     ) -> None:
-        self.settings = settings
         self._progress = progress
         self.trace = clean(force)
         self.findings = list(self.trace.findings)
         shares = np.where(outside_shares(pulses.intensity), np.nan, pulses.intensity)
         self.pulses = self._within(in_order(replace(pulses, intensity=shares)))
-        self.groups = groups_of(self.pulses, settings.rest)
+        self.groups = groups_of(self.pulses, REST)
 
     def result(self) -> MuscleAnalysis:
         """Analyse each kind of group that the recording has."""
@@ -142,12 +140,12 @@ class _Analysis:
         steady: tuple[SteadyPoint, ...] = ()
         if len(self.pulses):
             self._judge_intensities()
-            search = self.settings.artifact_search
+            search = ARTIFACT_SEARCH
             artifacts = find_artifacts(self.trace, self.pulses.onset_ns, search)
             self._judge_clocks(artifacts)
             onset_ns = self.pulses.onset_ns + nanoseconds(artifacts.clock_offset)
             pulses = replace(self.pulses, onset_ns=onset_ns)
-            cutter = Cutter(self.trace, pulses, artifacts, self.settings)
+            cutter = Cutter(self.trace, pulses, artifacts)
             responses = self._responses(cutter)
             twitches = self._twitches(responses)
             order = twitches.choice.order if twitches else _USUAL_ORDER
@@ -218,7 +216,7 @@ class _Analysis:
         for index, response in enumerate(responses[:-1]):
             if isinstance(response, str) or short[index] != self.groups[index]:
                 continue
-            if _share_left(response) > self.settings.left_over:
+            if _share_left(response) > LEFT_OVER:
                 overlapping[index] = 'not decayed when the next begins'
                 overlapping[index + 1] = 'begins while the one before lasts'
         if overlapping:
@@ -226,7 +224,7 @@ class _Analysis:
             moment = (first_ns - self.trace.stamp_ns[0]) / NANOSECONDS_PER_SECOND
             self.findings.append(
                 f'{len(overlapping)} responses overlap, the first at {moment:.2f} s: more than '
-                f'{self.settings.left_over:.0%} is left when the next begins; they are not used'
+                f'{LEFT_OVER:.0%} is left when the next begins; they are not used'
             )
         return [overlapping.get(index, response) for index, response in enumerate(responses)]
 
@@ -247,7 +245,7 @@ class _Analysis:
             )
             return None
         found = analyze_twitches(
-            singles, reasons, self.trace.sample_period, self.settings, self._step('twitches')
+            singles, reasons, self.trace.sample_period, self._step('twitches')
         )
         if isinstance(found, str):
             self.findings.append(found)
@@ -278,7 +276,7 @@ class _Analysis:
     def _steady(self, cutter: Cutter) -> tuple[SteadyPoint, ...]:
         trace, onset = self.trace, cutter.pulses.onset_ns
         if cutter.artifacts.found:
-            trace = without_artifacts(trace, onset, self.settings.blanking)
+            trace = without_artifacts(trace, onset, BLANKING)
         baseline = resting_force(trace, self.groups, onset)
         held = [
             level
@@ -289,7 +287,7 @@ class _Analysis:
         ]
         if not held or baseline is None:
             return ()
-        found = [steady_point(trace, onset, level, baseline, self.settings) for level in held]
+        found = [steady_point(trace, onset, level, baseline) for level in held]
         reasons = Counter(item for item in found if isinstance(item, str))
         if reasons:
             self.findings.append(

@@ -25,7 +25,7 @@ from scipy.special import stdtrit
 
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.analysis.responses import (
-    AnalysisSettings,
+    SETTLING,
     CleanTrace,
     Level,
     PulseGroup,
@@ -123,7 +123,6 @@ def steady_point(
     onset_ns: IntArray,
     level: Level,
     baseline: Baseline,
-    settings: AnalysisSettings,
 ) -> SteadyPoint | str:
     """Return the steady force of a level, or why there is none."""
     if not np.isfinite(level.intensity):
@@ -131,10 +130,10 @@ def steady_point(
     start = int(onset_ns[level.first])
     period = NANOSECONDS_PER_SECOND / level.rate_hz
     end = float(onset_ns[level.last - 1]) + period
-    settled = start + settings.settling * NANOSECONDS_PER_SECOND
+    settled = start + SETTLING * NANOSECONDS_PER_SECOND
     periods = int((end - settled) / period + 1e-6)
     if periods < _LEAST_PERIODS:
-        return f'level shorter than {settings.settling:g} s and {_LEAST_PERIODS} periods'
+        return f'level shorter than {SETTLING:g} s and {_LEAST_PERIODS} periods'
     first = end - periods * period
     part = trace.between(round(first), round(end))
     expected = (end - first) / (trace.sample_period * NANOSECONDS_PER_SECOND)

@@ -280,65 +280,28 @@ def _rate_findings(stamps: IntArray) -> list[str]:
     return findings
 
 
-@dataclass(frozen=True)
-class AnalysisSettings:
-    """Spans and thresholds of the analysis.
-
-    Attributes
-    ----------
-    orders : tuple of int
-        Orders of the twitch that are compared (Eq. 2).
-    rest : float
-        Silence that separates one response from the next [s].
-    before, after : float
-        How much force before the first and after the last pulse belongs to a response [s].
-    filter_span : float
-        Length of the moving average before the derivative [s]: 9 samples at 1 kHz (Sec. 2.1).
-    blanking : float
-        Time after a pulse that is not fitted if the recording shows artifacts [s].
-    artifact_search : float
-        Largest distance of an artifact from the stamp of its pulse [s].
-    least_response : float
-        Smallest peak of a twitch that is analysed, in standard deviations of the noise.
-    longest_latency : float
-        A twitch with a longer latency is not a response to its pulse [s].
-    least_fit : float
-        Smallest fit of a twitch that is accepted, ``1 - |residual| / |force - mean|``, 0..1.
-    settling : float
-        Time after a change of the stimulation until the force counts as steady [s].
-    left_over : float
-        Share of a response that may be left when the next one begins.
-
-    Raises
-    ------
-    IdentificationError
-        If a value is not possible.
-    """
-
-    orders: tuple[int, ...] = (2, 3, 4)
-    rest: float = 0.4
-    before: float = 0.05
-    after: float = 0.5
-    filter_span: float = 9e-3
-    blanking: float = 4e-3
-    artifact_search: float = 20e-3
-    least_response: float = 8.0
-    longest_latency: float = 60e-3
-    least_fit: float = 0.5
-    settling: float = 0.5
-    left_over: float = 0.05
-
-    def __post_init__(self) -> None:
-        if not self.orders or any(order < 2 for order in self.orders):
-            raise IdentificationError(f'expected orders of at least 2, got {self.orders}')
-        for name in ('rest', 'before', 'after', 'filter_span', 'longest_latency', 'settling'):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise IdentificationError(f'expected a {name} above 0 s, got {value}')
-        for name in ('blanking', 'artifact_search', 'least_response', 'least_fit', 'left_over'):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value >= 0):
-                raise IdentificationError(f'expected a {name} of at least 0, got {value}')
+# Orders of the twitch that are compared (Eq. 2).
+ORDERS = (2, 3, 4)
+# Silence that separates one response from the next [s].
+REST = 0.4
+# How much force before the first and after the last pulse belongs to a response [s].
+BEFORE, AFTER = 0.05, 0.5
+# Length of the moving average before the derivative [s]: 9 samples at 1 kHz (Sec. 2.1).
+FILTER_SPAN = 9e-3
+# Time after a pulse that is not fitted if the recording shows artifacts [s].
+BLANKING = 4e-3
+# Largest distance of an artifact from the stamp of its pulse [s].
+ARTIFACT_SEARCH = 20e-3
+# Smallest peak of a twitch that is analysed, in standard deviations of the noise.
+LEAST_RESPONSE = 8.0
+# A twitch with a longer latency is not a response to its pulse [s].
+LONGEST_LATENCY = 60e-3
+# Smallest fit of a twitch that is accepted, 1 - |residual| / |force - mean|.
+LEAST_FIT = 0.5
+# Time after a change of the stimulation until the force counts as steady [s].
+SETTLING = 0.5
+# Share of a response that may be left when the next one begins.
+LEFT_OVER = 0.05
 
 
 # Of 40 samples of white noise one in a million trials exceeds six standard deviations.
@@ -519,23 +482,20 @@ class Cutter:
         Pulses, ascending, in the sensor's clock.
     artifacts : Artifacts
         Of these pulses.
-    settings : AnalysisSettings
-        Spans.
     """
 
     trace: CleanTrace
     pulses: PulseTrain
     artifacts: Artifacts
-    settings: AnalysisSettings
 
     def cut(self, group: PulseGroup) -> Response | str:
         """Return the response to a group of pulses, or why it does not qualify."""
         trace, onset_ns = self.trace, self.pulses.onset_ns
         start = int(onset_ns[group.first])
-        end = int(onset_ns[group.last - 1]) + nanoseconds(self.settings.after)
+        end = int(onset_ns[group.last - 1]) + nanoseconds(AFTER)
         if group.last < len(onset_ns):
             end = min(end, int(onset_ns[group.last]))
-        part = trace.between(start - nanoseconds(self.settings.before), end)
+        part = trace.between(start - nanoseconds(BEFORE), end)
         lag = (trace.stamp_ns[part] - start) / NANOSECONDS_PER_SECOND
         if reason := _missing(lag, end - start):
             return reason
@@ -544,7 +504,7 @@ class Cutter:
         pulses, force = onset_ns[group.first : group.last], trace.force[part]
         usable = np.ones(len(lag), dtype=np.bool_)
         if self.artifacts.found:
-            period, blanking = trace.sample_period, self.settings.blanking
+            period, blanking = trace.sample_period, BLANKING
             usable = ~near_pulses(trace.stamp_ns[part], pulses, period, blanking)
         # the fits divide by the spread of the force
         if not usable.any() or not np.ptp(force[usable]):

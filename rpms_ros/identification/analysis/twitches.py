@@ -20,7 +20,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rpms_ros.identification.analysis.responses import AnalysisSettings, Response, counted_reasons
+from rpms_ros.identification.analysis.responses import (
+    FILTER_SPAN,
+    LEAST_FIT,
+    LEAST_RESPONSE,
+    LONGEST_LATENCY,
+    ORDERS,
+    Response,
+    counted_reasons,
+)
 from rpms_ros.identification.analysis.twitch_fits import (
     CONSTANT,
     ERROR,
@@ -156,7 +164,6 @@ def analyze_twitches(
     responses: Sequence[Response],
     rejected: Mapping[str, int],
     sample_period: float,
-    settings: AnalysisSettings,
     progress: Progress | None = None,
 ) -> TwitchAnalysis | str:
     """Analyse responses to single pulses; return a sentence if none qualifies.
@@ -169,14 +176,12 @@ def analyze_twitches(
         Those that were not, by reason.
     sample_period : float
         Time between samples [s].
-    settings : AnalysisSettings
-        Thresholds.
     progress : callable, optional
         Called with the number of twitches done and of all.
     """
     reasons = Counter(rejected)
-    fits = fit_twitches(responses, settings.orders, progress)
-    verdict = [_verdict(item, table, settings) for item, table in
+    fits = fit_twitches(responses, ORDERS, progress)
+    verdict = [_verdict(item, table) for item, table in
                zip(responses, fits.table, strict=True)]  # fmt: skip
     reasons.update(reason for reason in verdict if reason)
     good = [item for item, reason in zip(responses, verdict, strict=True) if not reason]
@@ -189,7 +194,7 @@ def analyze_twitches(
     )
     marked = any(np.isfinite(item.artifact) for item in good)
     crossing = np.array(
-        [crossing_latency(item, settings.filter_span, sample_period, marked) for item in good]
+        [crossing_latency(item, FILTER_SPAN, sample_period, marked) for item in good]
     )
     reference = 'artifact' if marked else 'stamp'
     return TwitchAnalysis(
@@ -207,18 +212,18 @@ def analyze_twitches(
     )
 
 
-def _verdict(item: Response, table: FloatArray, settings: AnalysisSettings) -> str:
+def _verdict(item: Response, table: FloatArray) -> str:
     """Return why a twitch does not qualify, empty if it does; `table` is its (orders, 6)."""
     best = table[np.argmin(table[:, ERROR])]
     _, force = item.samples
     noise = max(math.sqrt(best[ERROR] / len(force)), 1e-300)
     power = max(float(np.sum((force - force.mean()) ** 2)), 1e-300)
-    if not best[PEAK] / noise >= settings.least_response:
-        return f'peak below {settings.least_response:g} x noise'
-    if not 0.0 <= best[ONSET] <= settings.longest_latency:
-        return f'onset not within {settings.longest_latency * 1e3:g} ms'
-    if 1.0 - math.sqrt(best[ERROR] / power) < settings.least_fit:
-        return f'fit below {settings.least_fit:.0%}'
+    if not best[PEAK] / noise >= LEAST_RESPONSE:
+        return f'peak below {LEAST_RESPONSE:g} x noise'
+    if not 0.0 <= best[ONSET] <= LONGEST_LATENCY:
+        return f'onset not within {LONGEST_LATENCY * 1e3:g} ms'
+    if 1.0 - math.sqrt(best[ERROR] / power) < LEAST_FIT:
+        return f'fit below {LEAST_FIT:.0%}'
     return ''
 
 

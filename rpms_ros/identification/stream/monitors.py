@@ -376,7 +376,9 @@ class Pipeline(Restorable):
         """Pass the complete block to the monitors; return how many samples and cells it had."""
         if not self._parts:
             return 0, 0
-        columns: list[Any] = [np.concatenate(parts) for parts in zip(*self._parts, strict=True)]
+        columns: Sequence[Any] = self._parts[0]
+        if len(self._parts) > 1:
+            columns = [np.concatenate(parts) for parts in zip(*self._parts, strict=True)]
         self._parts = []
         stamps, force, prediction, usable, onset_ns, intensity = columns
         grid_ns = self._grid_ns(int(stamps[0]))

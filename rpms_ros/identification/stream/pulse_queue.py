@@ -227,6 +227,8 @@ class PulseQueue(Restorable):
         self._arrived += come_near
         self._merge_arrived()
         due = int(np.searchsorted(self._ordered.onset_ns, until_ns, side='right'))
+        if not due:
+            return self._ordered.onset_ns[:0], self._ordered.intensity[:0]
         train, self._ordered = self._ordered[:due], self._ordered[due:]
         if self._regular(train):
             self._last_onset_ns = int(train.onset_ns[-1])
@@ -271,13 +273,15 @@ class PulseQueue(Restorable):
             self._arrived = []
 
     def _regular(self, train: PulseTrain) -> bool:
-        """Return whether there are pulses and every one follows on the one before it."""
-        if not len(train) or self._last_sequence is None or self._last_onset_ns is None:
+        """Return whether every pulse follows on the one before it."""
+        if self._last_sequence is None or self._last_onset_ns is None:
             return False
-        onset_ns = np.append(self._last_onset_ns, train.onset_ns)
-        sequence = np.append(self._last_sequence, train.sequence)
-        apart = (np.diff(onset_ns) >= _CLOSEST_NS) & (np.diff(sequence) == 1)
-        return bool(np.all(apart & (train.intensity >= 0.0) & (train.intensity <= 1.0)))
+        onset_ns, sequence, intensity = train.onset_ns, train.sequence, train.intensity
+        follows = onset_ns[0] - self._last_onset_ns >= _CLOSEST_NS
+        follows = follows and sequence[0] - self._last_sequence == 1
+        follows = follows and (onset_ns[1:] - onset_ns[:-1] >= _CLOSEST_NS).all()
+        follows = follows and (sequence[1:] - sequence[:-1] == 1).all()
+        return bool(follows and ((intensity >= 0.0) & (intensity <= 1.0)).all())
 
     def _accept(self, train: PulseTrain, index: int) -> bool:
         """Compare one pulse with the one before it; return whether it can be used."""

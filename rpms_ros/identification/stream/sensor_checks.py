@@ -71,43 +71,61 @@ class FrozenSensor(Monitor):
     def examine_all(self, window: Window) -> Mapping[str, BoolArray]:
         """Return the samples that repeat a frozen value."""
         found = np.zeros_like(window.found)
-        changes = window.force[1:] != window.force[:-1]
-        begins = np.concatenate(([0], np.flatnonzero(changes) + 1))
-        ends = np.append(begins[1:], len(window.force))
-        # Most values occur once; the first may have begun before, the last may occur again.
-        again = window.stamp_ns[ends - 1] - window.stamp_ns[begins] >= _FROZEN_NS
-        again |= (begins < window.first) | (ends >= window.last)
-        again &= (ends > window.first) & (begins < window.last)
-        for begin, end in zip(begins[again].tolist(), ends[again].tolist(), strict=True):
-            begun_ns, steep = self._beginning(window, begin)
-            if steep and window.stamp_ns[end - 1] - begun_ns >= _FROZEN_NS:
-                found[max(begin - window.first, 0) : end - window.first] = True
-            if end > window.last - 1:
-                self._begun_ns, self._steep = begun_ns, steep
-                self._value = float(window.force[window.last - 1])
-        steps = np.abs(np.diff(window.force))
-        edges = window.edges[1:-1]
-        frozen = np.concatenate(([0], np.cumsum(found)))[edges - window.first]
-        steps = medians(steps, edges[:-1], edges[1:] - 1)
-        for step in steps[np.diff(frozen) == 0].tolist():
-            if not math.isnan(step):
-                share = _MEMORY_OF_STEPS if self._step else 1.0
-                self._step += share * (step - self._step)
+        self._value, self._begun_ns, self._steep, self._step = find_frozen(
+            window.stamp_ns,
+            window.force,
+            window.edges,
+            (self._value, self._begun_ns, self._steep, self._step),
+            found,
+        )
         return {faults.FORCE_FROZEN: found} if found.any() else {}
 
     def restart(self) -> None:
         """Forget the value that may be frozen."""
         self._value = float('nan')
 
-    def _beginning(self, window: Window, begin: int) -> tuple[int, bool]:
-        """Return the stamp of the first of equal values, and whether the force varied before."""
-        if begin < window.first and window.force[begin] == self._value:
-            return self._begun_ns, self._steep
-        begun_ns = int(window.stamp_ns[begin])
-        low = int(np.searchsorted(window.stamp_ns, begun_ns - _APPROACH_NS))
-        steps = np.abs(np.diff(window.force[low : begin + 1]))
-        varied = len(steps) > 0 and self._step > 0.0
-        return begun_ns, bool(varied and np.median(steps) >= _APPROACH_SHARE * self._step)
+
+@numba.njit(cache=True)
+def find_frozen(
+    stamp_ns: IntArray,
+    force: FloatArray,
+    edges: IntArray,
+    state: tuple[float, int, bool, float],
+    found: BoolArray,
+) -> tuple[float, int, bool, float]:
+    """Mark frozen samples of the cells of a `Window` in `found` (last - first,).
+
+    The state is the last value [N], since when it is repeated [ns], whether the force varied just
+    before, and the usual step from sample to sample [N]; it is returned as it is afterwards.
+    """
+    value, begun_ns, steep, step = state
+    first, last = edges[1], edges[-2]
+    steps = np.abs(np.diff(force))
+    begin = 0
+    while begin < last:
+        end = begin + 1
+        while end < len(force) and force[end] == force[begin]:
+            end += 1
+        # most values occur once; the first may have begun before, the last may occur again
+        lasts = stamp_ns[end - 1] - stamp_ns[begin] >= _FROZEN_NS
+        if end > first and (lasts or begin < first or end >= last):
+            if begin >= first or force[begin] != value:
+                begun_ns = stamp_ns[begin]
+                low = begin
+                while low > 0 and stamp_ns[low - 1] >= begun_ns - _APPROACH_NS:
+                    low -= 1
+                before = np.median(steps[low:begin]) if low < begin else 0.0
+                steep = step > 0.0 and before >= _APPROACH_SHARE * step
+            if steep and stamp_ns[end - 1] - begun_ns >= _FROZEN_NS:
+                found[max(begin - first, 0) : end - first] = True
+            value = force[begin]
+        begin = end
+    for cell in range(1, len(edges) - 2):
+        low, high = edges[cell], edges[cell + 1]
+        if high - low > 1 and not found[low - first : high - first].any():
+            share = _MEMORY_OF_STEPS if step else 1.0
+            step += share * (np.median(steps[low : high - 1]) - step)
+    return value, begun_ns, steep, step
 
 
 class ClippedSensor(Monitor):
@@ -346,7 +364,10 @@ class UsualResiduals(Monitor):
         """Return so many times the usual residual; infinite unless the force was explained."""
         if sum(self._explained) < _EXPLAINED:
             return math.inf
-        return max(times * float(np.median(self._sizes)), _SHARE * self._range)
+        # of 30 numbers or fewer, faster than by NumPy
+        ordered, middle = sorted(self._sizes), len(self._sizes) // 2
+        median = 0.5 * (ordered[~middle] + ordered[middle])
+        return max(times * median, _SHARE * self._range)
 
 
 class Outliers(UsualResiduals):

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rpms_ros.errors import IdentificationError
-from rpms_ros.identification.analysis import AnalysisSettings, analyze
+from rpms_ros.identification.analysis import analyze
 from rpms_ros.identification.analysis.twitch_fits import CONSTANT, ONSET
 from rpms_ros.muscle import average_subject
 from rpms_ros.muscle.simulation import simulated_force
@@ -222,16 +221,3 @@ def test_order_of_samples_and_pulses_does_not_matter(twitch_session):
     pulses, force = twitch_session
     back = analyze(pulses[::-1], ForceTrace(force.stamp_ns[::-1], force.force[::-1]))
     assert back.twitches.shared == analyze(pulses, force).twitches.shared
-
-
-@pytest.mark.parametrize(
-    ('name', 'value', 'message'),
-    [
-        ('orders', (1,), r'expected orders of at least 2, got \(1,\)'),
-        ('rest', 0.0, r'expected a rest above 0 s, got 0\.0'),
-        ('blanking', -1.0, r'expected a blanking of at least 0, got -1\.0'),
-    ],
-)
-def test_settings_that_cannot_be(name, value, message):
-    with pytest.raises(IdentificationError, match=message):
-        AnalysisSettings(**{name: value})
