@@ -264,15 +264,9 @@ def _report(
     lost = launcher.recorder.counts['force'].missing(FORCE_RATE)
     print(f'  samples    {len(recording.forces)}, lost {lost}; faults {faults or "none"}')
     agreement = compare(launcher.monitor.estimates, session.estimates)
-    if agreement.exact:
-        print(f'  replay     all {agreement.compared} live estimates, bit for bit')
-    else:
-        print(
-            f'  replay     DIFFERS: {agreement.missing} of {agreement.compared} estimates '
-            f'missing, differing fields {dict(agreement.differing) or "none"}'
-        )
-        if PULSE_LATE in faults:
-            print('             pulses came late, as on a busy machine: not to each process alike')
+    print(f'  replay     {agreement}')
+    if PULSE_LATE in faults and not agreement.exact:
+        print('             pulses came late, as on a busy machine: not to each process alike')
     # a scenario makes faults of its own, and a bad sensor loses samples
     wanted = scenario is not None and bool(scenario.sensor_faults)
     flawless = (not lost or wanted) and (not faults or scenario is not None)

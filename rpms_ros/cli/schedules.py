@@ -5,8 +5,8 @@
 import argparse
 import json
 import os
-from dataclasses import asdict, dataclass
-from importlib import import_module
+from dataclasses import asdict
+from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,76 +23,50 @@ if TYPE_CHECKING:
 _MOST_WAITS = 5
 
 
-@dataclass(frozen=True)
-class Protocol:
-    """A schedule that has a name.
-
-    Attributes
-    ----------
-    summary : str
-        What it is for, in a line.
-    maker : str
-        Module and function of `rpms_ros.stimulation` that makes it.
-    takes : tuple of str
-        Arguments of the command line that the function takes, where they are given.
-    """
-
-    summary: str
-    maker: str
-    takes: tuple[str, ...]
-
-    def build(self, arguments: argparse.Namespace) -> 'Schedule':
-        """Return the schedule, with what was given in place of its own figures."""
-        protocols = import_module('rpms_ros.stimulation.schedule.protocols')
-        rate = arguments.rate_hz
-        values = {**vars(arguments), 'rates_hz': None if rate is None else (rate,)}
-        given = {name: values[name] for name in self.takes if values[name] is not None}
-        made: Schedule = getattr(protocols, self.maker)(**given)
-        return made
-
-
-PROTOCOLS: dict[str, Protocol] = {
-    'uniform_random': Protocol(
-        'uniform random intensity, 0 to 100 % at 20 Hz for 90 s',
-        'paper_random',
-        ('duration_s', 'rate_hz', 'seed'),
-    ),
-    'sinusoid': Protocol(
-        'sinusoidal intensity of period 9 s, 0 to 100 % at 20 Hz for 90 s',
+PROTOCOLS = {
+    'uniform_random': ('paper_random', 'uniform random intensity, 0 to 100 % at 20 Hz for 90 s'),
+    'sinusoid': (
         'paper_sinusoid',
-        ('duration_s', 'rate_hz'),
+        'sinusoidal intensity of period 9 s, 0 to 100 % at 20 Hz for 90 s',
     ),
-    'staircase': Protocol(
-        'six levels from 0 to 100 % at 20 Hz, 3 s each', 'staircase', ('rate_hz',)
-    ),
-    'constant': Protocol('100 % at 20 Hz for 10 s', 'constant', ('duration_s', 'rate_hz')),
-    'twitches': Protocol(
-        'single pulses at six intensities, a second apart, shuffled',
-        'twitches',
-        ('seed',),
-    ),
-    'trains': Protocol(
-        'trains of 1.5 s at 5 to 35 Hz, single pulses before them',
-        'trains',
-        ('rates_hz', 'duration_s'),
-    ),
-    'recruitment': Protocol(
-        'staircases of 21 intensities at six rates from 15 to 35 Hz',
-        'recruitment',
-        ('rates_hz',),
-    ),
-    'muscle': Protocol(
-        'twitches, trains and recruitment, for `rpms analyze`',
-        'muscle',
-        ('seed',),
-    ),
+    'staircase': ('staircase', 'six levels from 0 to 100 % at 20 Hz, 3 s each'),
+    'constant': ('constant', '100 % at 20 Hz for 10 s'),
+    'twitches': ('twitches', 'single pulses at six intensities, a second apart, shuffled'),
+    'trains': ('trains', 'trains of 1.5 s at 5 to 35 Hz, single pulses before them'),
+    'recruitment': ('recruitment', 'staircases of 21 intensities at six rates from 15 to 35 Hz'),
+    'muscle': ('muscle', 'twitches, trains and recruitment, for `rpms analyze`'),
 }
-"""Every protocol by name; another one is another entry."""
+"""Function of `rpms_ros.stimulation.schedule.protocols` and what it is for, by name."""
+
+
+def built(name: str, arguments: argparse.Namespace) -> 'Schedule':
+    """Return a schedule of `PROTOCOLS`, with what was given in place of its own figures.
+
+    Raises
+    ------
+    StimulationError
+        If it does not take what was given.
+    """
+    from rpms_ros.stimulation.schedule import protocols
+
+    maker = getattr(protocols, PROTOCOLS[name][0])
+    taken = signature(maker).parameters
+    given: dict[str, Any] = {}
+    for option in ('rate_hz', 'duration_s', 'seed'):
+        if (value := getattr(arguments, option)) is not None:
+            # of several rates one is left
+            several = option == 'rate_hz' and 'rates_hz' in taken
+            given['rates_hz' if several else option] = (value,) if several else value
+    for option in given.keys() - taken.keys():
+        shown = option.partition('_')[0]
+        raise StimulationError(f'expected no --{shown} with {name}, got {given[option]}')
+    schedule: Schedule = maker(**given)
+    return schedule
 
 
 def add_protocol(subparsers: Any) -> None:
     """Add `rpms protocol`."""
-    protocols = '; '.join(f'{name}: {entry.summary}' for name, entry in PROTOCOLS.items())
+    protocols = '; '.join(f'{name}: {summary}' for name, (_, summary) in PROTOCOLS.items())
     parser = subparsers.add_parser(
         'protocol',
         help='write a schedule that has a name',
@@ -119,7 +93,7 @@ def run_protocol(arguments: argparse.Namespace) -> int:
 
     if os.path.lexists(arguments.out):
         raise StimulationError(f'expected a new file for the schedule, got {arguments.out}')
-    schedule = PROTOCOLS[arguments.name].build(arguments)
+    schedule = built(arguments.name, arguments)
     changes: tuple[str, ...] = ()
     if arguments.device is not None:
         schedule, changes = _fitted(schedule, arguments)

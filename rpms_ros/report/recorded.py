@@ -303,6 +303,15 @@ class Agreement:
         """Whether there were estimates and all of them agree in every bit."""
         return self.compared > 0 and not self.missing and not self.differing
 
+    def __str__(self) -> str:
+        if self.exact:
+            return f'all {self.compared} estimates, bit for bit'
+        fields = ', '.join(f'{name} {count}' for name, count in self.differing.items())
+        return (
+            f'DIFFERS: {self.missing} estimates missing, {self.compared} compared, '
+            f'differing fields {fields or "none"}'
+        )
+
 
 def compare(live: Sequence[Estimate], replayed: Sequence[Estimate]) -> Agreement:
     """Return whether each live estimate is the replayed one of its stamp, bit for bit."""

@@ -89,34 +89,16 @@ def noted(rows: Iterable[tuple[str, str]]) -> str:
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], texts: int = 1) -> str:
-    """Return a table; the first `texts` columns are aligned left, the numbers after them right.
-
-    If it would be wider than the terminal, the heading takes several lines.
-    """
-    cells = [[printable(cell) for cell in row] for row in rows]
-    body = [max((len(row[column]) for row in cells), default=0) for column in range(len(head))]
-    widths = [max(pair) for pair in zip(body, map(len, head), strict=True)]
-    lines = [list(head)]
-    if sum(widths) + 2 * (len(widths) - 1) > width():
-        lines, widths = _folded(head, body)
+    """Return a table; the first `texts` columns are aligned left, the numbers after them right."""
+    lines = [list(head), *([printable(cell) for cell in row] for row in rows)]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     return '\n'.join(
         '  '.join(
             cell.ljust(size) if column < texts else cell.rjust(size)
-            for column, (cell, size) in enumerate(zip(row, widths, strict=True))
+            for column, (cell, size) in enumerate(zip(line, widths, strict=True))
         ).rstrip()
-        for row in lines + cells
+        for line in lines
     )
-
-
-def _folded(head: Sequence[str], body: Sequence[int]) -> tuple[list[list[str]], list[int]]:
-    """Return a heading in several lines, no wider than its words and the body need, and widths."""
-    widths = [
-        max(size, *map(len, title.split()), 1) for title, size in zip(head, body, strict=True)
-    ]
-    columns = [textwrap.wrap(title, size) for title, size in zip(head, widths, strict=True)]
-    height = max(map(len, columns))
-    padded = [[''] * (height - len(column)) + column for column in columns]
-    return [list(row) for row in zip(*padded, strict=True)], widths
 
 
 def collapsed(findings: Iterable[tuple[str, str]]) -> list[str]:

@@ -98,7 +98,7 @@ def test_a_lab_can_compose_the_nodes_in_one_process(graph, schedule_file) -> Non
 def test_the_demo_loses_nothing_and_replays_bit_for_bit(tmp_path: Path) -> None:
     folder = tmp_path / 'demo'
     said = demo(folder, '--duration', '2', '--noise', '0.01')
-    assert 'live estimates, bit for bit' in said
+    assert 'estimates, bit for bit' in said
     assert 'lost 0; faults none' in said
     assert (folder / 'demo.png').stat().st_size > 10_000
     recording = read_recording(folder / 'recording')
@@ -119,7 +119,7 @@ def test_a_demo_of_a_scenario_is_followed_and_held_against_its_truth(tmp_path: P
         '  - {kind: voluntary, at: 2.0, duration: 0.5, peak: 1.0}\n'
     )
     said = demo(folder, '--scenario', str(scenario), '--duration', '4')
-    assert 'live estimates, bit for bit' in said
+    assert 'estimates, bit for bit' in said
     assert 'scenario   pushed: the patient pushes once' in said
     assert '--estimator tracking' in said
     assert (folder / 'demo.png').stat().st_size > 10_000
