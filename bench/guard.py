@@ -33,7 +33,7 @@ from guarded_train import train
 
 from rpms_ros.guard import rapid2
 from rpms_ros.guard.relay import GuardLimits
-from rpms_ros.stimulation.devices.guarded_line import GuardedLine, open_port
+from rpms_ros.stimulation.devices.serial_line import GuardedLine, open_port
 
 RATE_HZ = 20.0
 MARGIN_S = 0.020

@@ -27,7 +27,6 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-from rpms_msgs.action import RunSchedule
 from rpms_msgs.srv import ConfirmArming, RequestArming
 from rpms_ros import messages
 from rpms_ros.errors import NodeError, RpmsError, StimulationError
@@ -215,7 +214,12 @@ class StimulatorDriver(GuardedLifecycleNode):
         self.create_service(RequestArming, topics.REQUEST_ARMING, self._on_request)
         self.create_service(ConfirmArming, topics.CONFIRM_ARMING, self._on_confirm)
         self._action = ScheduleAction(
-            self, self.controller, self._require_goal, self._reports.announce, refuse
+            self,
+            self.controller,
+            self.authority,
+            settings.require_operator,
+            self._reports.announce,
+            refuse,
         )
         self._parts.callback(self._action.destroy)
         self._watch = DriverWatch(
@@ -357,11 +361,6 @@ class StimulatorDriver(GuardedLifecycleNode):
             raise
         self._reports.forget_refusal()
         return TransitionCallbackReturn.SUCCESS
-
-    def _require_goal(self, goal: RunSchedule.Goal) -> None:
-        """Raise Refused unless the sender of a goal may start a schedule."""
-        if self.settings.require_operator or self.authority.confirmed:
-            self.authority.require(goal.operator_id, goal.token)
 
     def _answered(self, response: Any, act: Callable[[], str]) -> Any:
         """Do what a service is asked for; answer with what was done, or why it was refused."""

@@ -21,8 +21,7 @@ from rpms_ros.stimulation.limits.device_specification import (
     load_device_specification,
 )
 from rpms_ros.stimulation.limits.forecast import Trial, forecast, forecast_plan
-from rpms_ros.stimulation.limits.limiter import PulseLimiter
-from rpms_ros.stimulation.limits.limits import Limits
+from rpms_ros.stimulation.limits.limits import Limits, PulseLimiter
 
 SHIPPED = load_device_specification('rapid2-240v')
 # of a subject who knows every intensity: the other limits are looked at one by one

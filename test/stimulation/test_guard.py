@@ -17,7 +17,7 @@ import rpms_ros.guard
 from rpms_ros.guard import packets, rapid2
 from rpms_ros.guard.packets import Packet
 from rpms_ros.guard.relay import Guard, GuardLimits
-from rpms_ros.stimulation.devices.guarded_line import open_port
+from rpms_ros.stimulation.devices.serial_line import open_port
 
 TRAIN = Path(__file__).parents[1] / 'guarded_train.py'
 RATE_HZ = 20.0

@@ -22,7 +22,7 @@ from rpms_ros.guard.relay import (
     write,
     write_silence,
 )
-from rpms_ros.stimulation.devices.guarded_line import Descriptor, GuardedLine
+from rpms_ros.stimulation.devices.serial_line import Descriptor, GuardedLine
 
 FILLER = b'\x55' * 20_000
 

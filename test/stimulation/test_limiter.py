@@ -9,8 +9,7 @@ import pytest
 
 from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation.limits.device_specification import load_device_specification
-from rpms_ros.stimulation.limits.limiter import PulseLimiter
-from rpms_ros.stimulation.limits.limits import BookedPulse, Limits
+from rpms_ros.stimulation.limits.limits import BookedPulse, Limits, PulseLimiter
 
 SECOND = 1_000_000_000
 WIDTH = 100e-6

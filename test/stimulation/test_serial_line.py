@@ -13,9 +13,8 @@ import pytest
 from rpms_ros.guard import rapid2
 from rpms_ros.pulses import MAGNETIC_PULSE_WIDTH
 from rpms_ros.stimulation.devices import DeviceError, DeviceStatus
-from rpms_ros.stimulation.devices.guarded_line import Reply
 from rpms_ros.stimulation.devices.registry import TooLate
-from rpms_ros.stimulation.devices.serial_line import SerialDevice
+from rpms_ros.stimulation.devices.serial_line import Reply, SerialDevice
 
 
 def test_opening_takes_control_at_intensity_zero_disarmed(fake, device):

@@ -16,8 +16,7 @@ import serial
 
 from rpms_ros.pulses import MAGNETIC_PULSE_WIDTH
 from rpms_ros.stimulation.devices import DeviceError
-from rpms_ros.stimulation.devices.guarded_line import open_port
-from rpms_ros.stimulation.devices.serial_line import SerialDevice
+from rpms_ros.stimulation.devices.serial_line import SerialDevice, open_port
 
 
 def test_cable_that_is_pulled(fake, device, armed):

@@ -21,7 +21,7 @@ from rpms_ros.nodes.common import topics
 from rpms_ros.nodes.common.diagnostics import plain_text
 from rpms_ros.schedule_messages import schedule_of
 from rpms_ros.stimulation import Schedule
-from rpms_ros.stimulation.driver.authority import AUTHORITY
+from rpms_ros.stimulation.driver.authority import AUTHORITY, Authority
 from rpms_ros.stimulation.driver.controller import StimulationController
 from rpms_ros.stimulation.driver.safety_monitor import (
     EMERGENCY_STOP,
@@ -125,8 +125,10 @@ class ScheduleAction:
         Whose executor serves it.
     controller : StimulationController
         What runs the schedules.
-    allowed : callable
-        Takes the goal; raises StimulationError unless its sender may start a schedule.
+    authority : Authority
+        Knows who may start a schedule.
+    required : bool
+        Whether an operator is asked for; if not, anybody may start one while there is none.
     started : callable
         Told of schedule and operator before the first pulse; raises StimulationError to prevent
         it.
@@ -138,12 +140,14 @@ class ScheduleAction:
         self,
         node: Node,
         controller: StimulationController,
-        allowed: Callable[[RunSchedule.Goal], None],
+        authority: Authority,
+        required: bool,
         started: Callable[[Schedule, str], None],
         refused: Callable[[str], None],
     ) -> None:
         self._controller = controller
-        self._allowed = allowed
+        self._authority = authority
+        self._required = required
         self._started = started
         self._refused = refused
         self._goal: ServerGoalHandle | None = None
@@ -197,7 +201,8 @@ class ScheduleAction:
         """Start what is asked for; the schedule is read only when its sender may ask for it."""
         if self._goal is not None or self._controller.state is State.RUNNING:
             raise GoalRefused(CODES.WRONG_STATE, 'expected no schedule running, got a second goal')
-        self._allowed(request)
+        if self._required or self._authority.confirmed:
+            self._authority.require(request.operator_id, request.token)
         try:
             schedule = schedule_of(request.typed_schedule)
         except StimulationError as error:

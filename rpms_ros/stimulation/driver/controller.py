@@ -50,8 +50,14 @@ from rpms_ros.stimulation.driver.states import (
 from rpms_ros.stimulation.limits.coil_temperature import coil_after
 from rpms_ros.stimulation.limits.device_specification import DeviceSpecification
 from rpms_ros.stimulation.limits.forecast import Trial
-from rpms_ros.stimulation.limits.limiter import TIMING_LIMITS, PulseLimiter, too_quiet
-from rpms_ros.stimulation.limits.limits import BookedPulse, DoseExceeded, LedgerError
+from rpms_ros.stimulation.limits.limits import (
+    TIMING_LIMITS,
+    BookedPulse,
+    DoseExceeded,
+    LedgerError,
+    PulseLimiter,
+    too_quiet,
+)
 from rpms_ros.stimulation.records.dose_ledger import DoseLedger, MemoryLedger
 from rpms_ros.stimulation.schedule.schedule import Plan, Schedule
 

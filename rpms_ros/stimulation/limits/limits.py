@@ -1,16 +1,29 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Limits of a stimulator, which its specification states, and of the dose of a patient.
+"""Limits of a stimulator and of the dose of a patient, and the limiter, which every pulse passes.
 
-The limiter enforces the former, the dose ledger the latter.
+The dose ledger holds the dose; the limiter holds everything else, right before the device is told
+to fire.  It remembers what was fired, so that rates, trains, energy and totals hold whatever gave
+the pulses: one schedule, several in a row, or a fault.  It outlives disarming and a device that
+was closed and opened again; with a dose ledger it outlives the process.  A forecast runs a whole
+schedule through a copy of it.
+
+Times are whole nanoseconds.  The shortest interval at a rate is the period in whole nanoseconds,
+rounded downwards: onsets of a plan are rounded to the nearest, so no interval of a plan at exactly
+its rate limit is shorter than that, whatever the rate.
 """
 
+import math
 from bisect import bisect_left
+from collections import deque
+from collections.abc import Iterable, Iterator
+from copy import copy
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 from rpms_ros.errors import StimulationError
-from rpms_ros.pulses import nanoseconds
+from rpms_ros.printable import counted, told_apart
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, nanoseconds
 from rpms_ros.stimulation.schedule.fields import Bound, bounded, check_bounds, share
 
 _POSITIVE_S = Bound(0.0, 86_400.0, 's', above=True)
@@ -205,3 +218,284 @@ class DoseLimits:
     def window_ns(self) -> int:
         """Length of the window [ns]."""
         return nanoseconds(self.window_h * 3600.0)
+
+
+TIMING_LIMITS = ('maximum_rate_hz', 'rate_limits_hz')
+"""Limits that a pulse can break by the jitter of the one before it alone."""
+
+# relative rounding of a sum of thousands of energies
+_ENERGY_ROUNDING = 1e-9
+# the difference of two shares is rounded once
+_SHARE_ROUNDING = math.ulp(1.0)
+
+
+class Refusal(NamedTuple):
+    """Why a pulse may not be fired.
+
+    Attributes
+    ----------
+    limit : str
+        Name of the limit, as in `Limits` or in a device specification.
+    reason : str
+        What was expected and what came, in plain words.
+    """
+
+    limit: str
+    reason: str
+
+
+class PulseLimiter:
+    """Holds pulses, one by one, against limits, and counts those that are fired.
+
+    Parameters
+    ----------
+    limits : Limits
+        What no pulse may go beyond.
+    tolerance_s : float, optional
+        Tolerance of an interval [s]; that of the limits if it is missing.
+
+    Attributes
+    ----------
+    last_ns : int or None
+        Onset of the last pulse [ns].
+    last_intensity : float
+        Its intensity (share).
+    counted_ns : int
+        When it was due at its rate limit: intervals are counted from there, so the tolerance of
+        many pulses does not add up [ns].
+    train_start_ns, train_pulses, train_energy_j : int, int, float
+        First onset [ns], pulses and energy [J] of the train that it belongs to.
+    window : deque of (int, float)
+        Onset [ns] and energy [J] of the pulses within the window of the mean power.
+    window_energy_j : float
+        Their energy [J].
+    known : deque of (int, float)
+        Onsets [ns] and intensities (shares) that the subject knows, each stronger than all after
+        it, so that the first is the strongest.
+    session_pulses, session_energy_j : int, float
+        Pulses and energy [J] of the session.
+    """
+
+    def __init__(self, limits: Limits, tolerance_s: float | None = None) -> None:
+        self.limits = limits
+        tolerance = limits.interval_tolerance_s if tolerance_s is None else tolerance_s
+        self.tolerance_ns = nanoseconds(tolerance)
+        self._pause_ns = nanoseconds(limits.minimum_pause_s)
+        self._window_ns = nanoseconds(limits.energy_window_s)
+        self._rise_ns = nanoseconds(limits.rise_window_s)
+        self.last_ns: int | None = None
+        self.last_intensity = 0.0
+        self.counted_ns = 0
+        self.train_start_ns = 0
+        self.train_pulses = 0
+        self.train_energy_j = 0.0
+        self.window: deque[tuple[int, float]] = deque()
+        self.window_energy_j = 0.0
+        self.known: deque[tuple[int, float]] = deque()
+        self.session_pulses = 0
+        self.session_energy_j = 0.0
+
+    def copied(self) -> Self:
+        """Return a limiter that remembers the same, for a trial."""
+        other = copy(self)
+        other.window = deque(self.window)
+        other.known = deque(self.known)
+        return other
+
+    # ---- what was fired
+
+    def book(self, time_ns: int, intensity: float) -> None:
+        """Count a pulse that is about to be fired: booked first, so that a fault counts too."""
+        self._book(time_ns, intensity, self.limits.energy_j(intensity))
+
+    def book_history(self, pulses: Iterable[BookedPulse]) -> None:
+        """Count what earlier processes fired, oldest first.
+
+        Rest, trains and power count whatever this device or this patient had; the session is the
+        patient's.  No intensity counts as known: the subject may be another one, or have rested.
+        """
+        for pulse in pulses:
+            session = self.session_pulses, self.session_energy_j
+            # clocks of two processes agree to some microseconds: time does not go back here
+            latest = pulse.time_ns if self.last_ns is None else max(pulse.time_ns, self.last_ns)
+            self._book(latest, pulse.intensity, pulse.energy_j)
+            if not pulse.on_patient:
+                self.session_pulses, self.session_energy_j = session
+        self.known.clear()
+
+    def _book(self, time_ns: int, intensity: float, energy_j: float) -> None:
+        if self.starts_train(time_ns):
+            self.train_start_ns, self.train_pulses, self.train_energy_j = time_ns, 0, 0.0
+            self.counted_ns = time_ns
+        else:
+            due = self._due_ns(intensity)[0]
+            # what was booked against the limit leaves no debt to the next one
+            early = time_ns < due - self.tolerance_ns
+            self.counted_ns = time_ns if early else max(time_ns, due)
+        self.train_pulses += 1
+        self.session_pulses += 1
+        self.book_more(time_ns, energy_j)
+        self.last_ns, self.last_intensity = time_ns, intensity
+        while self.known and self.known[-1][1] <= intensity:
+            self.known.pop()
+        self.known.append((time_ns, intensity))
+        self._forget(time_ns)
+
+    def book_more(self, time_ns: int, energy_j: float) -> None:
+        """Count energy [J] that pulses turn out at ``time_ns`` [ns] to have had besides."""
+        self.train_energy_j += energy_j
+        self.window.append((time_ns, energy_j))
+        self.window_energy_j += energy_j
+        self.session_energy_j += energy_j
+
+    def correct(self, time_ns: int) -> None:
+        """Move the last pulse to when the device gave it [ns], if that was later than booked."""
+        if self.last_ns is None or time_ns <= self.last_ns:
+            return
+        if self.train_pulses == 1:
+            self.train_start_ns = time_ns
+        self.last_ns = time_ns
+        self.counted_ns = max(self.counted_ns, time_ns)
+        self.window[-1] = (time_ns, self.window[-1][1])
+
+    def _forget(self, time_ns: int) -> None:
+        """Forget what has left the windows of mean power and of rise."""
+        while self.window and self.window[0][0] <= time_ns - self._window_ns:
+            self.window_energy_j -= self.window.popleft()[1]
+        if not self.window:
+            self.window_energy_j = 0.0
+        while self.known and self.known[0][0] < time_ns - self._rise_ns:
+            self.known.popleft()
+
+    def starts_train(self, time_ns: int) -> bool:
+        """Return whether a pulse at ``time_ns`` [ns] would be the first of a train."""
+        return self.last_ns is None or time_ns - self.last_ns >= self._pause_ns
+
+    def _due_ns(self, intensity: float) -> tuple[int, float]:
+        """Return when the next pulse is due at its rate limit [ns], and that rate [Hz]."""
+        # both pulses of an interval take part: the stronger one decides
+        rate = self.limits.highest_rate_hz(max(intensity, self.last_intensity))
+        return self.counted_ns + math.floor(NANOSECONDS_PER_SECOND / rate), rate
+
+    def earliest_ns(self, intensity: float) -> int:
+        """Return when the rate limits let a pulse of this intensity come [ns]; 0 for at once."""
+        if self.last_ns is None:
+            return 0
+        return max(self.last_ns + 1, self._due_ns(intensity)[0] - self.tolerance_ns)
+
+    @property
+    def wait_s(self) -> float:
+        """Silence that the train so far has to be followed by [s]; 0 before the first pulse."""
+        if self.last_ns is None:
+            return 0.0
+        span = (self.last_ns - self.train_start_ns) / NANOSECONDS_PER_SECOND
+        return self.limits.wait_s(self.train_pulses, self.train_energy_j, span)
+
+    # ---- what may be fired
+
+    def refusal(self, time_ns: int, intensity: float, width_s: float) -> Refusal | None:
+        """Return why a pulse may not be fired, or None if it may.
+
+        Parameters
+        ----------
+        time_ns : int
+            Its onset [ns], on a clock that never jumps.
+        intensity : float
+            Share of the maximum, 0..1.
+        width_s : float
+            Duration [s].
+        """
+        return next(self.refusals(time_ns, intensity, width_s), None)
+
+    def refusals(self, time_ns: int, intensity: float, width_s: float) -> Iterator[Refusal]:
+        """Yield everything that stands against a pulse, as `refusal` does the first."""
+        self._forget(time_ns)
+        yield from self._by_intensity(time_ns, intensity, width_s)
+        if self.last_ns is not None:
+            yield from self._by_time(time_ns, self.last_ns, intensity)
+        yield from self._by_energy(self.limits.energy_j(intensity))
+
+    def _by_intensity(self, time_ns: int, intensity: float, width_s: float) -> Iterator[Refusal]:
+        limits = self.limits
+        # written so that NaN fails
+        if not 0.0 <= intensity <= limits.maximum_intensity:
+            yield Refusal(
+                'maximum_intensity',
+                f'expected an intensity in [0, {limits.maximum_intensity:g}], got {intensity:g}',
+            )
+        elif not limits.minimum_width_s <= width_s <= limits.maximum_width_s:
+            yield Refusal(
+                'minimum_width_s' if width_s < limits.minimum_width_s else 'maximum_width_s',
+                f'expected a width in [{limits.minimum_width_s:g}, {limits.maximum_width_s:g}] s, '
+                f'got {width_s:g} s',
+            )
+        before = 0.0 if self.starts_train(time_ns) else self.last_intensity
+        if not abs(intensity - before) <= limits.maximum_intensity_step + _SHARE_ROUNDING:
+            yield Refusal(
+                'maximum_intensity_step',
+                f'expected a step of at most {limits.maximum_intensity_step:g} from {before:g}, '
+                f'got {intensity:g}',
+            )
+        known = self.known[0][1] if self.known else 0.0
+        if not intensity - known <= limits.maximum_intensity_rise + _SHARE_ROUNDING:
+            yield Refusal(
+                'maximum_intensity_rise',
+                f'expected at most {limits.maximum_intensity_rise:g} more than {known:g}, the '
+                f'strongest of the {limits.rise_window_s:g} s before, got {intensity:g}',
+            )
+
+    def _by_time(self, time_ns: int, last_ns: int, intensity: float) -> Iterator[Refusal]:
+        limits = self.limits
+        gap_s = (time_ns - last_ns) / NANOSECONDS_PER_SECOND
+        if time_ns < self.earliest_ns(intensity):
+            rate = self._due_ns(intensity)[1]
+            yield Refusal(
+                'maximum_rate_hz' if rate == limits.maximum_rate_hz else 'rate_limits_hz',
+                f'expected at most {rate:g} Hz at intensity '
+                f'{max(intensity, self.last_intensity):.3g}, got {gap_s:.4g} s after the pulse '
+                'before',
+            )
+        if not self.starts_train(time_ns):
+            if self.train_pulses >= limits.maximum_train_pulses:
+                yield Refusal(
+                    'maximum_train_pulses',
+                    f'expected a pause of {limits.minimum_pause_s:g} s after at most '
+                    f'{limits.maximum_train_pulses} pulses, got one pulse more',
+                )
+        elif time_ns - last_ns < math.floor(self.wait_s * NANOSECONDS_PER_SECOND):
+            wait, gap = told_apart(self.wait_s, gap_s)
+            yield Refusal(
+                'wait',
+                f'expected a wait of {wait} s after a train of '
+                f'{counted(self.train_pulses, "pulse")} and {self.train_energy_j:.4g} J, '
+                f'got {gap} s',
+            )
+
+    def _by_energy(self, energy_j: float) -> Iterator[Refusal]:
+        limits = self.limits
+        window_j = self.window_energy_j + energy_j
+        if not window_j <= limits.window_energy_j * (1.0 + _ENERGY_ROUNDING):
+            yield Refusal(
+                'continuous_power_w',
+                f'expected at most {limits.window_energy_j:.4g} J in {limits.energy_window_s:g} s '
+                f'({limits.continuous_power_w:g} W), got {window_j:.4g} J',
+            )
+        session_j = self.session_energy_j + energy_j
+        if self.session_pulses >= limits.session_pulses:
+            yield Refusal(
+                'session_pulses',
+                f'expected at most {limits.session_pulses} pulses a session, got one more',
+            )
+        elif not session_j <= limits.session_energy_j:
+            yield Refusal(
+                'session_energy_j',
+                f'expected at most {limits.session_energy_j:g} J a session, got {session_j:.6g} J',
+            )
+
+
+def too_quiet(limits: Limits, silence_s: float) -> Refusal:
+    """Return what a pulse, or the end, is told that comes after too long a silence [s]."""
+    return Refusal(
+        'idle_disarm_s',
+        f'expected at most {limits.idle_disarm_s:g} s without a pulse, got {silence_s:.4g} s',
+    )
