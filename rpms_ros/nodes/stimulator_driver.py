@@ -422,9 +422,7 @@ class StimulatorDriver(GuardedLifecycleNode):
             self.controller.force(size)
 
     def _on_audit_failed(self, reason: str) -> None:
-        self.controller.interlocks.open(AUDIT, reason)
-        if self.controller.state in POSSIBLE:
-            self.controller.stop(AUDIT, reason)
+        self.controller.open(AUDIT, reason)
 
     def _on_context_shutdown(self) -> None:
         self.controller.disarm('context shut down')

@@ -378,7 +378,7 @@ class DriverWatch:
         if not self._others:
             self._controller.interlocks.close(UNIQUE)
         elif before:
-            self._open(UNIQUE, self._others)
+            self._controller.open(UNIQUE, self._others)
         else:
             # arming is refused at once, a train is stopped when it is seen again
             self._refuse_arming(UNIQUE, self._others)
@@ -387,18 +387,13 @@ class DriverWatch:
         if self._controller.state not in POSSIBLE:
             self._controller.interlocks.open(name, reason)
 
-    def _open(self, name: str, reason: str) -> None:
-        self._controller.interlocks.open(name, reason)
-        if self._controller.state in POSSIBLE:
-            self._controller.stop(name, reason)
-
     def _judge_buttons(self, now_ns: int) -> None:
         problem, pressed = self._buttons.problem(now_ns), self._buttons.pressed
         first, self._pressed = pressed and not self._pressed, pressed
         if problem is None:
             self._controller.interlocks.close(EMERGENCY_STOP)
         else:
-            self._open(EMERGENCY_STOP, problem)
+            self._controller.open(EMERGENCY_STOP, problem)
         press = self._buttons.taken_press()
         # pressed counts in every state, also if it is released again by now
         if press or (first and self._controller.state not in POSSIBLE):

@@ -389,7 +389,10 @@ class SafetyMonitor:
         if value <= limit:
             self.interlocks.close(name)
             return
-        reason = f'{name}: expected at most {limit:g} {unit}, got {value:g} {unit}'
+        self.open(name, f'{name}: expected at most {limit:g} {unit}, got {value:g} {unit}')
+
+    def open(self, name: str, reason: str) -> None:
+        """Note that a condition does not hold; stop if a pulse is possible."""
         self.interlocks.open(name, reason)
         if self.state in POSSIBLE:
             self.stop(name, reason)
