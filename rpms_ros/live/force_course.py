@@ -29,7 +29,6 @@ from rpms_ros.axis import FORCE, Axis
 from rpms_ros.errors import MessageError
 from rpms_ros.identification.model.estimate import Estimate
 from rpms_ros.muscle.recruitment import (
-    PARAMETER_NAMES,
     RecruitmentParameters,
     identified_recruitment,
 )
@@ -199,7 +198,7 @@ class ModelledForce:
         total = np.full(len(stamp_ns), _baseline(self._estimate))
         if acting:
             onset_ns = np.array([onset for onset, _ in acting], dtype=np.int64)
-            share = _relative_recruitment(self._estimate, np.array([u for _, u in acting]))
+            share = self._estimate.relative_recruitment(np.array([u for _, u in acting]))
             after = (stamp_ns[:, None] - onset_ns[None, :]) * 1e-9
             total += np.interp(after, time, response, left=0.0, right=0.0) @ share
         return total
@@ -222,19 +221,6 @@ def _baseline(estimate: Estimate) -> float:
         if name.startswith('baseline')
     ]
     return levels[-1] if levels and math.isfinite(levels[-1]) else 0.0
-
-
-def _relative_recruitment(estimate: Estimate, intensity: FloatArray) -> FloatArray:
-    """Return rho(u) / rho(1) of intensities (n,), NaN where the estimate cannot tell."""
-    if estimate.nonlinear_names == PARAMETER_NAMES:
-        parameters = RecruitmentParameters(*(float(value) for value in estimate.nonlinear))
-        rho = identified_recruitment(parameters, np.append(intensity, 1.0))
-    elif estimate.curve_known:
-        grid, curve = estimate.curve_intensity, estimate.curve_force
-        rho = np.interp(np.append(intensity, 1.0), grid, curve)
-    else:
-        return np.full(len(intensity), np.nan)
-    return rho[:-1] / rho[-1] if rho[-1] else np.full(len(intensity), np.nan)
 
 
 _ORDER, _FRAME = slice(1, 2), slice(12, 16)

@@ -51,7 +51,6 @@ from rpms_ros.identification.quality.verdict import (
     verdict_of,
 )
 from rpms_ros.identification.stream.pulse_checks import of_one_intensity, outside_shares
-from rpms_ros.muscle import RecruitmentParameters, identified_recruitment
 from rpms_ros.printable import counted
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, PulseTrain
 from rpms_ros.recording import Recording, session_hash
@@ -454,10 +453,9 @@ def impulse_response(
         return estimate.response_force
     if dynamics is not None:
         return response_to_one_pulse(dynamics, estimate.response_time)
-    parameters = RecruitmentParameters(*estimate.nonlinear.tolist())
     shares = pulses.intensity[~outside_shares(pulses.intensity)]
     applied = float(np.median(shares)) if len(shares) else 1.0
-    share = identified_recruitment(parameters, applied) / identified_recruitment(parameters, 1.0)
+    share = estimate.relative_recruitment(np.array([applied]))[0]
     kept = np.flatnonzero(session.usable)
     kept = kept[np.argsort(session.stamp_ns[kept], kind='stable')]
     weight = weight_at_own_rate(estimate, pulses, session.stamp_ns[kept], session.force[kept])

@@ -7,32 +7,21 @@ that is not far from their own, and none that begins before their latency. So th
 compared with others by the likelihood of the newest seconds: on a coarse grid while little is
 known, and uphill from neighbour to neighbour. Each is given the disturbance and the slow
 change that suit it: with those of a basis that does not fit, all are much the same.
-`RawSamples` keeps the samples and pulses of the window, from which the blocks of another basis
-are made; `BasisSchedule` says when to compare, by stamps alone.
+`BasisSchedule` says when to compare, by stamps alone.
 """
 
-import copy
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from itertools import pairwise
 from statistics import fmean
 
 import numpy as np
 
-from rpms_ros.identification.estimation.blocks import COUNT, empty_blocks
-from rpms_ros.identification.estimation.estimator import Intake, add_samples, fresh_intake
-from rpms_ros.identification.estimation.gauss_newton import Fit, empty_fit
+from rpms_ros.identification.estimation.blocks import COUNT
+from rpms_ros.identification.estimation.intake import RawSamples
 from rpms_ros.identification.estimation.prior import Knowledge
-from rpms_ros.identification.estimation.settings import BaselineKnots, Prior, Problem, pass_arrays
-from rpms_ros.identification.estimation.tremor import (
-    SEARCHED_NS,
-    line_in,
-    polynomials,
-    seconds,
-    waves,
-)
+from rpms_ros.identification.estimation.tremor import SEARCHED_NS, line_in
 from rpms_ros.identification.estimation.window_equations import Origin
 from rpms_ros.identification.estimation.window_fit import (
     Scales,
@@ -42,263 +31,8 @@ from rpms_ros.identification.estimation.window_fit import (
     gauss_newton_steps,
 )
 from rpms_ros.identification.model.basis import LaguerreBasis
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray
-from rpms_ros.saved_state import Restorable, expect
-
-# Least distance of samples that are kept: more are not needed to choose a basis [ns].
-_LEAST_DISTANCE_NS = 900_000
-# A tremor is subtracted in pieces of a second with at least so many samples, fitted together with
-# a polynomial of so many terms.
-_LEAST_IN_PIECE, _SLOW = 30, 4
-_SAMPLES = ('_stamp_ns', '_measured', '_force')
-_PULSES = ('_onset_ns', '_intensity', '_weight')
-
-
-class RawSamples(Restorable):
-    """Usable samples and pulses of the last seconds, or since the start."""
-
-    _stamp_ns: IntArray
-    _measured: FloatArray
-    _force: FloatArray
-    _size: int
-    _onset_ns: IntArray
-    _intensity: FloatArray
-    _weight: FloatArray
-    _pulses: int
-
-    def __init__(self) -> None:
-        self.forget()
-
-    def _check_restored(self) -> None:
-        samples = {len(getattr(self, name)) for name in _SAMPLES}
-        pulses = {len(getattr(self, name)) for name in _PULSES}
-        fits = len(samples) == len(pulses) == 1 and 0 <= self._size <= len(self._force)
-        within = 0 <= self._pulses <= len(self._onset_ns)
-        expect(fits and within, 'RawSamples', 'as many forces as stamps')
-
-    def forget(self) -> None:
-        """Forget everything."""
-        for name in (*_SAMPLES, *_PULSES):
-            setattr(self, name, np.zeros(4096, np.int64 if name.endswith('ns') else np.float64))
-        self._size = self._pulses = 0
-
-    @property
-    def first_ns(self) -> int:
-        """First stamp [ns]; there must be one."""
-        return int(self._stamp_ns[0])
-
-    def last_strong_ns(self, before_ns: int) -> int | None:
-        """Return the last pulse before a time with half of the highest intensity or more [ns]."""
-        count = int(np.searchsorted(self._onset_ns[: self._pulses], before_ns))
-        intensity = self._intensity[:count]
-        strong = np.flatnonzero(intensity >= 0.5 * intensity.max(initial=0.0))
-        some = self._size and len(strong) and intensity[strong[-1]] > 0.0
-        return int(self._onset_ns[strong[-1]]) if some else None
-
-    def _make_room(self, names: tuple[str, ...], need: int) -> None:
-        """Enlarge arrays to so many places, if they have fewer."""
-        for name in names:
-            old = getattr(self, name)
-            if need > len(old):
-                larger = np.zeros(2 * need, dtype=old.dtype)
-                larger[: len(old)] = old
-                setattr(self, name, larger)
-
-    def add_pulses(self, onset_ns: IntArray, intensity: FloatArray, weight: FloatArray) -> None:
-        """Add pulses (pulses,), ascending, with the factor of their recruitment."""
-        here = slice(self._pulses, self._pulses + len(onset_ns))
-        self._make_room(_PULSES, here.stop)
-        self._onset_ns[here], self._intensity[here], self._weight[here] = (
-            onset_ns,
-            intensity,
-            weight,
-        )
-        self._pulses = here.stop
-
-    def add(
-        self,
-        stamp_ns: IntArray,
-        force: FloatArray,
-        tremor: FloatArray | float,
-        usable: BoolArray,
-    ) -> None:
-        """Add the usable ones of ascending samples (samples,), and the tremor in their force."""
-        last = int(self._stamp_ns[self._size - 1]) if self._size else -(2**62)
-        stamp_ns = stamp_ns[usable]
-        kept = _thinned(stamp_ns, last)
-        here = slice(self._size, self._size + len(kept))
-        self._make_room(_SAMPLES, here.stop)
-        self._stamp_ns[here] = stamp_ns[kept]
-        self._measured[here] = force[usable][kept]
-        self._force[here] = (force - tremor)[usable][kept]
-        self._size = here.stop
-
-    def drop(self, before_ns: int) -> None:
-        """Drop what lies before a time [ns], once it is a quarter of what is kept."""
-        first = int(np.searchsorted(self._stamp_ns[: self._size], before_ns))
-        if first <= self._size // 4:
-            return
-        pulse = before_ns - 2 * NANOSECONDS_PER_SECOND
-        first_pulse = int(np.searchsorted(self._onset_ns[: self._pulses], pulse))
-        for names, begin, end in (
-            (_SAMPLES, first, self._size),
-            (_PULSES, first_pulse, self._pulses),
-        ):
-            for name in names:
-                values = getattr(self, name)
-                values[: end - begin] = values[begin:end].copy()
-        self._size -= first
-        self._pulses -= first_pulse
-
-    def newest_pulses(self, count: int) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Return onset [ns], intensity and weight of the newest pulses (count,)."""
-        here = slice(self._pulses - count, self._pulses)
-        return self._onset_ns[here], self._intensity[here], self._weight[here]
-
-    def condensed(
-        self,
-        basis: LaguerreBasis,
-        theta: FloatArray,
-        linear: FloatArray,
-        first_ns: int,
-        prior: Prior,
-        capacity: int | None = None,
-    ) -> tuple[Problem, Intake, int]:
-        """Return the blocks of another basis, from a time on.
-
-        Parameters
-        ----------
-        basis : LaguerreBasis
-            Functions behind a latency.
-        theta, linear : ndarray (4,), (functions,)
-            The muscle, for the states of the intake.
-        first_ns : int
-            Samples from here on are fitted [ns]; pulses before lead the state up to it.
-        prior : Prior
-            Goes with the problem.
-        capacity : int or None
-            Room for blocks; None for what is needed.
-
-        Returns
-        -------
-        tuple
-            Problem, intake at the newest sample, and how many pulses have not begun to act.
-        """
-        fit = empty_fit(theta, basis.functions, 2)
-        fit.linear[:] = linear
-        problem, intake, pending, _ = self._into_blocks(basis, fit, first_ns, prior, capacity)
-        return problem, intake, pending
-
-    def rest(
-        self,
-        basis: LaguerreBasis,
-        theta: FloatArray,
-        linear: FloatArray,
-        prior: Prior,
-        first_ns: int = -(2**62),
-    ) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Return stamps [ns], measured force [N] and what a muscle leaves of it [N] (samples,).
-
-        Parameters
-        ----------
-        basis : LaguerreBasis
-            Functions behind a latency.
-        theta, linear : ndarray (4,), (functions,)
-            The muscle.
-        prior : Prior
-            Of no consequence.
-        first_ns : int
-            The first sample that counts [ns].
-        """
-        low = int(np.searchsorted(self._stamp_ns[: self._size], first_ns))
-        stamp_ns = self._stamp_ns[low : self._size]
-        force = self._measured[low : self._size]
-        if not len(stamp_ns):
-            return stamp_ns, force, force
-        fit = empty_fit(theta, basis.functions, 2)
-        fit.linear[:] = linear
-        muscle = self._into_blocks(basis, fit, int(stamp_ns[0]), prior, None)[-1]
-        return stamp_ns, force, force - muscle
-
-    def without(self, hertz: float, rest: FloatArray) -> 'RawSamples':
-        """Return the same samples with a tremor taken off, piece by piece.
-
-        Parameters
-        ----------
-        hertz : float
-            Frequency of the tremor.
-        rest : ndarray (samples,)
-            What the muscle leaves [N], see `rest`.
-        """
-        result = copy.deepcopy(self)
-        if not self._size:
-            return result
-        stamp_ns = self._stamp_ns[: self._size]
-        first_ns = int(stamp_ns[0])
-        piece = (stamp_ns - first_ns) // NANOSECONDS_PER_SECOND
-        edges = np.flatnonzero(np.diff(piece, prepend=-1, append=-1))
-        for first, last in pairwise(edges):
-            if last - first < _LEAST_IN_PIECE:
-                continue
-            here = seconds(stamp_ns[first:last] - first_ns)
-            wave, slow = waves(hertz, here), polynomials(here, _SLOW)
-            found = np.linalg.lstsq(np.hstack((wave, slow)), rest[first:last], rcond=None)[0]
-            result._force[first:last] = self._measured[first:last] - wave @ found[:2]
-        return result
-
-    def _into_blocks(
-        self,
-        basis: LaguerreBasis,
-        fit: Fit,
-        first_ns: int,
-        prior: Prior,
-        capacity: int | None,
-    ) -> tuple[Problem, Intake, int, FloatArray]:
-        """See `condensed`; and the force of the muscle at the samples."""
-        low = int(np.searchsorted(self._stamp_ns[: self._size], first_ns))
-        stamp_ns, force = self._stamp_ns[low : self._size], self._force[low : self._size]
-        memory_ns = round(basis.duration * NANOSECONDS_PER_SECOND)
-        onset_ns = self._onset_ns[: self._pulses]
-        pulse = int(np.searchsorted(onset_ns, first_ns - memory_ns))
-        begin_ns = onset_ns[pulse:] + round(basis.latency * NANOSECONDS_PER_SECOND)
-        span_ns = int(stamp_ns[-1] - stamp_ns[0]) if len(stamp_ns) else 0
-        need = len(begin_ns) + span_ns // 200_000_000 + 8
-        functions = basis.functions
-        problem = Problem(
-            blocks=empty_blocks(max(need, capacity or 0), functions),
-            first=0,
-            input_gain=basis.input_gain,
-            baseline=BaselineKnots(2, first_ns, NANOSECONDS_PER_SECOND),
-            prior=prior,
-            work=pass_arrays(functions),
-        )
-        prediction = np.empty(len(stamp_ns))
-        intake = fresh_intake(functions)
-        begun = add_samples(
-            stamp_ns,
-            force,
-            np.ones(len(stamp_ns), dtype=np.bool_),
-            begin_ns,
-            self._intensity[pulse : self._pulses],
-            self._weight[pulse : self._pulses],
-            problem,
-            intake,
-            fit,
-            2.0 / basis.time_constant,
-            prediction,
-        )
-        size = int(problem.blocks.size[0])
-        first = int(np.searchsorted(problem.blocks.start_ns[:size], first_ns))
-        problem = problem._replace(first=min(first, max(size - 1, 0)))
-        return problem, intake, len(begin_ns) - begun, prediction
-
-
-def _thinned(stamp_ns: IntArray, last_ns: int) -> IntArray:
-    """Return which of ascending stamps (samples,) to keep, whatever the cut into blocks was."""
-    bins = stamp_ns // _LEAST_DISTANCE_NS
-    before = np.concatenate(([last_ns // _LEAST_DISTANCE_NS], bins[:-1]))
-    return np.flatnonzero(bins != before)
-
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray
+from rpms_ros.saved_state import Restorable
 
 TIME_CONSTANTS = (8e-3, 16e-3, 32e-3, 64e-3)
 LATENCIES = (0.0, 7e-3, 14e-3, 21e-3, 28e-3)
@@ -397,8 +131,6 @@ class BasisChoice:
         Of the present basis: where the others begin.
     knowledge : Knowledge
         Physiology alone: what was learnt with one basis says little of another.
-    prior : Prior
-        Goes with the blocks.
     first_ns, now_ns : int
         First and newest sample [ns].
     length_ns : int
@@ -417,7 +149,6 @@ class BasisChoice:
     basis: LaguerreBasis
     fit: WindowFit
     knowledge: Knowledge
-    prior: Prior
     first_ns: int
     now_ns: int
     length_ns: int
@@ -498,7 +229,7 @@ class BasisChoice:
         alone = BasisFit(fit, self.raw)
         if self.rates_hz is None or not math.isfinite(fit.likelihood):
             return alone
-        muscle = basis, fit.point.theta, fit.point.linear, self.prior
+        muscle = basis, fit.point.theta, fit.point.linear
         # before the window the muscle may have been another
         searched_ns = max(self.now_ns - SEARCHED_NS, self.first_ns)
         stamp_ns, _, rest = self.raw.rest(*muscle, searched_ns)
@@ -520,7 +251,7 @@ class BasisChoice:
         """
         present = self.fit
         theta, functions = present.point.theta, len(present.point.linear)
-        problem, _, _ = raw.condensed(basis, theta, np.zeros(functions), self.first_ns, self.prior)
+        problem, _, _ = raw.condensed(basis, theta, np.zeros(functions), self.first_ns)
         blocks, first = problem.blocks, problem.first
         nothing = fresh_fit(theta, functions)
         if int(blocks.size[0]) < 2:

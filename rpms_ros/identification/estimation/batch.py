@@ -1,11 +1,11 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Off-line estimator: variable projection over all samples, from many starts.
+"""Off-line estimator: the fit of a window over everything, without slow change.
 
 The samples are condensed into blocks of one pulse each, from which the normal equations of any
 parameters follow exactly (`rpms_ros.identification.estimation.blocks`), so that the cost of a fit
 grows with the pulses, not with the samples.  A fit is made whenever the recording has doubled, so
-that every sample has an a-priori prediction, and once more for an estimate.
+that every sample has an a-priori prediction, and once more for an estimate, from several starts.
 
 **Basis.**  With `choose_basis`, latency and time constant of the basis are chosen by how well the
 last part of the recording that was stimulated is explained (`basis_choice`).
@@ -20,51 +20,35 @@ tensed it, they gain percents of the force.
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
-from rpms_ros.identification.estimation.basis_choice import BasisChoice, RawSamples
+from rpms_ros.identification.estimation.basis_choice import BasisChoice
 from rpms_ros.identification.estimation.blocks import COUNT, grown, ring_order
-from rpms_ros.identification.estimation.estimator import ProjectionEstimator, recompute_state
-from rpms_ros.identification.estimation.gauss_newton import (
-    Fit,
-    complete_equations,
-    empty_fit,
-    fit_linear,
-    improve,
-)
-from rpms_ros.identification.estimation.prior import knowledge_of
-from rpms_ros.identification.estimation.settings import (
-    PARAMETERS,
-    BaselineKnots,
-    Problem,
-    ProjectionSettings,
-)
-from rpms_ros.identification.estimation.window_equations import condensed, no_change
+from rpms_ros.identification.estimation.estimator import ProjectionEstimator
+from rpms_ros.identification.estimation.settings import Problem, ProjectionSettings
+from rpms_ros.identification.estimation.window_equations import Point, condensed, no_change
 from rpms_ros.identification.estimation.window_fit import (
     INTERVAL_NS,
     Window,
+    WindowFit,
     fresh_fit,
     gauss_newton_steps,
 )
 from rpms_ros.identification.model.estimate import DEFAULT_RATE, Estimate
+from rpms_ros.identification.model.recruitment import NONLINEAR
 from rpms_ros.identification.quality.doubts import NO_CONSTANT_MUSCLE, REASON
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, nanoseconds
 
 _FIRST_FIT_NS = NANOSECONDS_PER_SECOND
 _GROWTH = 2
-# A shorter recording gets a constant baseline: its slope could not be determined.
-_SHORTEST_SLOPE_NS = 5 * NANOSECONDS_PER_SECOND
-# Later fits for predictions alone start from the fit before and try no other start.
+# Every start is tried on so many of the newest blocks; later fits for predictions alone go on from
+# the fit before.
 _LAST_SCOUTING_NS = 10 * NANOSECONDS_PER_SECOND
-_SCOUTED_BLOCKS = 200
-_SCOUTING_STEPS = 5
-_SCOUTING_TOLERANCE = 1e-3
-_FINAL_STEPS = 12
-_FINAL_TOLERANCE = 1e-9
-_ROUNDS = 2
-_START_DAMPING = 1e-2
+_SCOUTED_BLOCKS = 400
+_SCOUTING_STEPS, _FINAL_STEPS = 6, 20
+# Most intervals of the disturbance: those of a long recording are longer.
+_MOST_INTERVALS = 480
 # The part of a recording that chooses the basis, before its last strong pulse, the least samples
 # for that, and the length from which the whole grid of bases is searched once more.
 _CHOSEN_NS = 40 * NANOSECONDS_PER_SECOND
@@ -104,7 +88,6 @@ class BatchEstimator(ProjectionEstimator):
     _compared_ns: int
     _shift_ns: int
     _jumped: bool
-    _raw: RawSamples
 
     def __init__(
         self,
@@ -112,8 +95,6 @@ class BatchEstimator(ProjectionEstimator):
         rate_hz: float = DEFAULT_RATE,
     ) -> None:
         super().__init__(settings, rate_hz)
-        if not self.settings.baseline:
-            self._reshape(0)
         self._origin_ns = None
         self._last_ns = 0
         self._due_ns = 0
@@ -123,30 +104,16 @@ class BatchEstimator(ProjectionEstimator):
         self._compared_ns = 0
         self._shift_ns = 0
         self._jumped = False
-        self._raw = RawSamples()
-        if self.settings.choose_basis:
-            self._use(self.settings.basis)
 
     def add_pulses(self, onset_ns: IntArray, intensity: FloatArray) -> None:
         """Add pulses (pulses,), ascending, none before one that was already added [ns, 1]."""
-        if not len(onset_ns):
-            return
-        onset_ns = self._in_a_row(onset_ns)
-        super().add_pulses(onset_ns, intensity)
-        if self.settings.choose_basis:
-            weight = self._delay_line.weight[-len(onset_ns) :]
-            self._raw.add_pulses(onset_ns, intensity, weight)
+        if len(onset_ns):
+            super().add_pulses(self._in_a_row(onset_ns), intensity)
 
     def forget_pulses(self) -> None:
         """Drop the pulses that still act: the clock has jumped, their lag is unknown."""
         super().forget_pulses()
         self._jumped = True
-
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """Restore a saved state; see `Restorable.restore`."""
-        super().restore(state)
-        if self.settings.choose_basis:
-            self._use(self._basis)
 
     def update(self, stamp_ns: IntArray, force: FloatArray, usable: BoolArray) -> FloatArray:
         """Add samples (samples,), ascending; return their a-priori prediction [N].
@@ -185,7 +152,7 @@ class BatchEstimator(ProjectionEstimator):
     def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
         """Fit all samples so far and return the estimate."""
         self._fit_all(scouting=True)
-        return examined(self._build(stamp_ns, faults), self._problem, self._fit)
+        return examined(super().estimate(stamp_ns, faults), self._problem, self._window.point)
 
     def _in_a_row(self, stamp_ns: IntArray) -> IntArray:
         """Return stamps [ns] that go on after a jump of the clock, far behind what was before."""
@@ -202,50 +169,49 @@ class BatchEstimator(ProjectionEstimator):
             blocks = grown(self._problem.blocks, 2 * need)
             self._problem = self._problem._replace(blocks=blocks)
 
-    def _reshape(self, knots: int) -> None:
-        """Change the number of knots of the baseline."""
-        theta, functions = self._fit.theta, self.settings.basis.functions
-        self._fit = empty_fit(theta, functions, knots)
-        self._trial = empty_fit(theta, functions, knots)
-        baseline = BaselineKnots(knots, 0, 1)
-        self._problem = self._problem._replace(baseline=baseline)
-
-    def _place_knots(self) -> None:
-        """Spread the baseline's knots evenly over the recording so far."""
-        assert self._origin_ns is not None
-        span = self._last_ns - self._origin_ns
-        spacing = self.settings.knot_spacing * NANOSECONDS_PER_SECOND
-        parts = max(round(span / spacing), 1) if span >= _SHORTEST_SLOPE_NS else 0
-        if parts + 1 != self._problem.baseline.knots:
-            self._reshape(parts + 1)
-        baseline = BaselineKnots(parts + 1, self._origin_ns, -(-span // max(parts, 1)))
-        self._problem = self._problem._replace(baseline=baseline)
-
     def _fit_all(self, scouting: bool) -> None:
         """Fit all samples; with `scouting`, try every start with a few steps first."""
         samples = int(self._intake.learnt[0])
         if self._origin_ns is None or samples == self._fitted_samples:
             return
         self._fitted_samples = samples
-        if self.settings.baseline:
-            self._place_knots()
         self._fit_basis(scouting)
         if self.settings.choose_basis and self._choose_basis():
             self._fit_basis(scouting)
+        self._predict_by_window(self._span(self._problem).length_ns)
+
+    def _span(self, problem: Problem) -> Window:
+        """Return the window of the blocks of a problem."""
+        blocks = problem.blocks
+        place = (int(blocks.head[0]) + problem.first) % len(blocks.start_ns)
+        first_ns = int(blocks.start_ns[place])
+        most_ns = _MOST_INTERVALS * INTERVAL_NS
+        length_ns = INTERVAL_NS * (1 + (self._last_ns - first_ns) // most_ns)
+        origin = no_change(self._basis.functions)
+        return Window(first_ns, self._last_ns, length_ns, _NO_KNOTS, 0, 0.0, origin)
 
     def _fit_basis(self, scouting: bool) -> None:
         """Fit all samples with the present basis."""
-        fit = self._fit
-        fit.variance[0] = 0.0
-        fit_linear(self._problem, fit, True)
-        improve(self._problem, fit, self._trial, _SCOUTING_STEPS, _SCOUTING_TOLERANCE)
+        fit, knowledge = self._window, self._of_any_shape(self._prior)
         if scouting:
             self._scout(fit)
-        for _ in range(_ROUNDS):
-            fit_linear(self._problem, fit, True)
-            improve(self._problem, fit, self._trial, _FINAL_STEPS, _FINAL_TOLERANCE)
-        complete_equations(self._problem, fit)
-        recompute_state(self._problem, self._intake, fit)
+        # of another length of the intervals the disturbance says little
+        fit.levels, fit.variance, fit.inflation = fit.levels[-2:].copy(), 0.0, 1.0
+        gauss_newton_steps(self._problem, fit, knowledge, self._span(self._problem), _FINAL_STEPS)
+
+    def _scout(self, fit: WindowFit) -> None:
+        """Try every start on the newest blocks; go on from the best."""
+        problem, knowledge = self._newest_blocks(), self._of_any_shape(self._prior)
+        window = self._span(problem)
+        functions = self._basis.functions
+        trials = [fresh_fit(theta, functions) for theta in self.settings.starts()]
+        if fit.covariance.any():
+            trials.append(replace(fit, levels=np.zeros(2), likelihood=-np.inf, variance=0.0))
+        for one in trials:
+            one.most_inflation = 1.0
+            gauss_newton_steps(problem, one, knowledge, window, _SCOUTING_STEPS)
+        best = max(trials, key=lambda one: one.likelihood)
+        fit.point, fit.scales = best.point, best.scales
 
     def _choose_basis(self) -> bool:
         """Choose the basis that explains the recording best; return whether it has changed."""
@@ -253,23 +219,21 @@ class BatchEstimator(ProjectionEstimator):
         if strong_ns is None or strong_ns == self._compared_ns:
             return False
         first_ns = max(strong_ns - _CHOSEN_NS, self._raw.first_ns)
-        prior, theta = self._problem.prior, self._fit.theta
-        nothing = np.zeros(self._basis.functions)
-        problem, _, _ = self._raw.condensed(self._basis, theta, nothing, first_ns, prior)
+        theta, nothing = self._window.point.theta, np.zeros(self._basis.functions)
+        problem, _, _ = self._raw.condensed(self._basis, theta, nothing, first_ns)
         samples = problem.blocks.moments[problem.first : int(problem.blocks.size[0]), COUNT].sum()
         if samples < _LEAST_SAMPLES:
             return False
         self._compared_ns = strong_ns
-        knowledge, origin = knowledge_of(self.settings), no_change(self._basis.functions)
+        knowledge, origin = self._of_any_shape(self._prior), no_change(self._basis.functions)
         window = Window(first_ns, self._last_ns, INTERVAL_NS, _NO_KNOTS, 0, 0.0, origin)
-        fit = fresh_fit(theta, self._basis.functions)
+        fit = replace(self._window, levels=np.zeros(2), first=0)
         gauss_newton_steps(problem, fit, knowledge, window, _CHOICE_STEPS)
         choice = BasisChoice(
             self._raw,
             self._basis,
             fit,
             knowledge,
-            prior,
             first_ns,
             self._last_ns,
             INTERVAL_NS,
@@ -283,24 +247,12 @@ class BatchEstimator(ProjectionEstimator):
         basis = choice.better(everywhere)
         if basis == self._basis:
             return False
-        self._into_other_blocks(self._raw, basis, self._raw.first_ns, 0, theta, nothing)
+        found = choice.explained(basis).fit
+        self._window.point = found.point
+        self._window.scales = replace(found.scales, disturbance=self._window.scales.disturbance)
+        self._into_other_blocks(basis, self._raw.first_ns, 0, found.point.linear)
         self._problem = self._problem._replace(first=0)
-        self._use(basis)
         return True
-
-    def _scout(self, fit: Fit) -> None:
-        """Try every start on the newest blocks; keep the best if it fits all blocks better."""
-        problem = self._newest_blocks()
-        best = self._trial_from(problem, fit, fit.theta)
-        for theta in self.settings.starts():
-            other = self._trial_from(problem, fit, theta)
-            if other.cost[0] < best.cost[0]:
-                best = other
-        fit_linear(self._problem, best, False)
-        improve(self._problem, best, self._trial, _SCOUTING_STEPS, _SCOUTING_TOLERANCE)
-        if best.cost[0] < fit.cost[0]:
-            fit.theta[:] = best.theta
-            fit.damping[0] = best.damping[0]
 
     def _newest_blocks(self) -> Problem:
         """Return the problem of the newest blocks, led by those whose pulses still act on them."""
@@ -309,9 +261,7 @@ class BatchEstimator(ProjectionEstimator):
         order = ring_order(blocks)
         first = max(size - _SCOUTED_BLOCKS, 0)
         begin_ns = blocks.start_ns[order[first]] - nanoseconds(self.memory)
-        # the clock may have jumped back
-        earlier = np.flatnonzero(blocks.start_ns[order[:first]] < begin_ns)
-        lead = int(earlier[-1]) if len(earlier) else 0
+        lead = int(np.searchsorted(blocks.start_ns[order[:first]], begin_ns))
         newest = {
             name: values[order[lead:]]
             for name, values in blocks._asdict().items()
@@ -319,15 +269,6 @@ class BatchEstimator(ProjectionEstimator):
         }
         newest |= {'head': np.zeros_like(blocks.head), 'size': blocks.size - lead}
         return self._problem._replace(blocks=type(blocks)(**newest), first=first - lead)
-
-    def _trial_from(self, problem: Problem, fit: Fit, theta: FloatArray) -> Fit:
-        """Return a fit after a few steps from theta (4,), with the variance of `fit`."""
-        other = empty_fit(theta, len(fit.linear), len(fit.levels))
-        other.variance[0] = fit.variance[0]
-        other.damping[0] = _START_DAMPING
-        fit_linear(problem, other, False)
-        improve(problem, other, self._trial, _SCOUTING_STEPS, _SCOUTING_TOLERANCE)
-        return other
 
 
 _PART_NS = 5_000_000_000
@@ -340,17 +281,17 @@ _SIGNIFICANT = 100.0
 _ROUNDING = 1e-9
 
 
-def examined(estimate: Estimate, problem: Problem, fit: Fit) -> Estimate:
+def examined(estimate: Estimate, problem: Problem, point: Point) -> Estimate:
     """Return the estimate of a fit, with a doubt and its reason if the muscle changed.
 
     Parameters
     ----------
     estimate : Estimate
         Made of the fit.
-    problem, fit : Problem, Fit
-        Blocks of the recording, and their fit.
+    problem, point : Problem, Point
+        Blocks of the recording, and the muscle of their fit.
     """
-    if not estimate.curve_known or is_constant(problem, fit):
+    if not estimate.curve_known or is_constant(problem, point):
         return estimate
     return replace(
         estimate,
@@ -359,26 +300,26 @@ def examined(estimate: Estimate, problem: Problem, fit: Fit) -> Estimate:
     )
 
 
-def is_constant(problem: Problem, fit: Fit) -> bool:
+def is_constant(problem: Problem, point: Point) -> bool:
     """Return whether no part of a recording asks for a muscle of its own.
 
     Parameters
     ----------
-    problem, fit : Problem, Fit
-        Blocks of the recording, and their fit.
+    problem, point : Problem, Point
+        Blocks of the recording, and the muscle of their fit.
     """
     return not any(
-        share > _SHARE and gain > _SIGNIFICANT for share, gain in unexplained(problem, fit)
+        share > _SHARE and gain > _SIGNIFICANT for share, gain in unexplained(problem, point)
     )
 
 
-def unexplained(problem: Problem, fit: Fit) -> FloatArray:
+def unexplained(problem: Problem, point: Point) -> FloatArray:
     """Return for each part what its own muscle would explain better.
 
     Parameters
     ----------
-    problem, fit : Problem, Fit
-        Blocks of the recording, and their fit.
+    problem, point : Problem, Point
+        Blocks of the recording, and the muscle of their fit.
 
     Returns
     -------
@@ -391,10 +332,10 @@ def unexplained(problem: Problem, fit: Fit) -> FloatArray:
     start_ns = blocks.start_ns[order]
     if not len(start_ns) or (np.diff(start_ns) < 0).any():
         return np.empty((0, 2))
-    still = no_change(len(fit.linear))
-    parts = condensed(problem, fit.theta, fit.linear, int(start_ns[0]), _PART_NS, still)
+    still = no_change(len(point.linear))
+    parts = condensed(problem, point.theta, point.linear, int(start_ns[0]), _PART_NS, still)
     found = [
-        _gain(gram, right, energy, samples, fit.linear)
+        _gain(gram, right, energy, samples, point.linear)
         for gram, right, energy, samples in zip(
             parts.gram, parts.right, parts.energy, parts.samples, strict=True
         )
@@ -410,9 +351,9 @@ def _gain(
 
     A baseline of its own comes first: a sensor that drifts is no other muscle.
     """
-    joint = PARAMETERS + len(linear)
+    joint = NONLINEAR + len(linear)
     muscle = np.zeros(joint + 2)
-    muscle[PARAMETERS:joint] = linear
+    muscle[NONLINEAR:joint] = linear
     force = gram @ muscle
     power = float(muscle @ force)
     if not power > 0.0:

@@ -31,8 +31,8 @@ from typing import NamedTuple
 import numpy as np
 
 from rpms_ros.identification.estimation.blocks import ring_order
-from rpms_ros.identification.estimation.prior import Knowledge, coordinates
-from rpms_ros.identification.estimation.settings import PARAMETERS, Problem
+from rpms_ros.identification.estimation.prior import Knowledge
+from rpms_ros.identification.estimation.settings import Problem
 from rpms_ros.identification.estimation.window_equations import (
     SLOPES,
     Origin,
@@ -46,6 +46,7 @@ from rpms_ros.identification.estimation.window_fit import (
     WindowFit,
     steps_at_fixed_scales,
 )
+from rpms_ros.identification.model.recruitment import NONLINEAR, coordinates
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray
 from rpms_ros.saved_state import Restorable
 
@@ -84,7 +85,7 @@ class Snapshot:
         When [ns].
     point : Point
         The muscle.
-    covariance : ndarray (4 + functions, 4 + functions)
+    covariance : ndarray (26 + functions, 26 + functions)
         Of theta and w.
     levels : ndarray (2,)
         The newest two knots of the disturbance [N].
@@ -107,7 +108,7 @@ class Snapshot:
 
 def snapshot(fit: WindowFit, stamp_ns: int) -> Snapshot:
     """Return the snapshot of a fit at a time [ns]."""
-    joint = PARAMETERS + len(fit.point.linear)
+    joint = NONLINEAR + len(fit.point.linear)
     return Snapshot(
         stamp_ns=stamp_ns,
         point=fit.point,
@@ -135,7 +136,7 @@ def widened(covariance: FloatArray, linear: FloatArray, kind: str) -> FloatArray
 
     Parameters
     ----------
-    covariance : ndarray (4 + functions, 4 + functions)
+    covariance : ndarray (26 + functions, 26 + functions)
         Before.
     linear : ndarray (functions,)
         w before.
@@ -146,20 +147,20 @@ def widened(covariance: FloatArray, linear: FloatArray, kind: str) -> FloatArray
     covariance = covariance.copy()
 
     def free(start: int, values: FloatArray | float) -> None:
-        direction = np.zeros(PARAMETERS + functions)
+        direction = np.zeros(NONLINEAR + functions)
         direction[start : start + np.size(values)] = values
         covariance[:] += np.outer(direction, direction)
 
     if kind in MUSCLE:
-        free(PARAMETERS, _GAIN * linear)
+        free(NONLINEAR, _GAIN * linear)
     if kind == THRESHOLDS:
         free(0, _THRESHOLD)
         free(1, _THRESHOLD)
     if kind == DYNAMICS:
-        free(PARAMETERS, _DYNAMICS * time_scale_derivative(linear))
+        free(NONLINEAR, _DYNAMICS * time_scale_derivative(linear))
         size = _SHAPE * float(np.linalg.norm(linear))
         for place in range(functions):
-            free(PARAMETERS + place, size)
+            free(NONLINEAR + place, size)
     return covariance
 
 
@@ -178,7 +179,7 @@ def after(before: Snapshot, kind: str, knowledge: Knowledge, distance: float) ->
         Time since the snapshot, in distances of the knots of the slow change [1].
     """
     point = before.point
-    joint = PARAMETERS + len(point.linear)
+    joint = NONLINEAR + len(point.linear)
     # against now, relative, at the first knot of the past: the change over one distance
     change = float(point.gain[0]) if len(point.gain) else 0.0
     slowing = float(point.slowing[0]) if len(point.slowing) else 0.0
@@ -187,7 +188,7 @@ def after(before: Snapshot, kind: str, knowledge: Knowledge, distance: float) ->
         (_RESTLESS + _GOES_ON * abs(change) * distance) * point.linear,
         _GOES_ON * abs(slowing) * distance * time_scale_derivative(point.linear),
     ):
-        direction = np.concatenate((np.zeros(PARAMETERS), response))
+        direction = np.concatenate((np.zeros(NONLINEAR), response))
         covariance += np.outer(direction, direction)
     covariance = widened(covariance, point.linear, kind)
     scale = 1.0 / np.sqrt(np.diag(covariance))
@@ -227,7 +228,7 @@ def explain(
     distance = (window.now_ns - before.stamp_ns) / (window.spacing * window.length_ns)
     known = after(before, kind, knowledge, distance)
     functions = len(before.point.linear)
-    unknowns = PARAMETERS + functions + SLOPES
+    unknowns = NONLINEAR + functions + SLOPES
     point = Point(
         before.point.theta, before.point.linear, np.zeros(0), np.zeros(0), np.zeros(SLOPES)
     )

@@ -2,17 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 r"""Normal equations of a parameter set from the blocks, in the order of time.
 
-The unknowns are ``[theta (4), w (n), b (m)]``: the recruitment's parameters (the two alpha as
+The unknowns are ``[theta (26), w (n), b (m)]``: the recruitment's parameters (the two alpha as
 logarithms), the coefficients of the Laguerre functions and the baseline's values at its knots.
-Two passes over the blocks fill one symmetric matrix and one right-hand side:
-
-* `linear_pass`: ``Phi^T Phi`` and ``Phi^T y`` of the linear unknowns.  With X the lower
-  triangular Toeplitz matrix of the states, a block adds ``X S X^T`` and ``X s_y``.
-* `gradient_pass`: the columns ``psi_j = d(Phi w)/d theta_j`` against all others.  A block adds
-  ``X S v_j`` and ``v_j^T S v_i`` with ``v_j`` the correlation of w with the states' derivatives.
-
-A pass takes about 300 multiplications a block with six functions: 20 s at 20 Hz cost
-as much as a loop over two thousand samples.
+With X the lower triangular Toeplitz matrix of the states, a block adds ``X S X^T`` and ``X s_y``
+to the equations of the linear unknowns; with v_j the correlation of w with the states'
+derivatives, the columns ``psi_j = d(Phi w)/d theta_j`` add ``X S v_j`` and ``v_j^T S v_i``.
 """
 
 import numba
@@ -20,7 +14,6 @@ import numba
 from rpms_ros.identification.estimation.blocks import (
     COUNT,
     FORCE,
-    FORCE_SQUARED,
     FORCE_TIME,
     RESPONSE_FORCE,
     RESPONSE_ONE,
@@ -29,8 +22,8 @@ from rpms_ros.identification.estimation.blocks import (
     TIME_SQUARED,
     BlockStatistics,
 )
-from rpms_ros.identification.estimation.settings import PARAMETERS, BaselineKnots, Pass, Problem
-from rpms_ros.muscle.recruitment import arctan_recruitment, arctan_recruitment_with_gradient
+from rpms_ros.identification.estimation.settings import Baseline, Pass
+from rpms_ros.identification.model.recruitment import NONLINEAR, counted_with_gradient
 from rpms_ros.pulses import FloatArray
 
 # A prediction continues the slope of the baseline up to this time beyond its knots [ns].
@@ -59,36 +52,27 @@ def correlate(linear: FloatArray, state: FloatArray, values: FloatArray) -> None
 
 
 @numba.njit(cache=True)
-def knot_of(start_ns: int, baseline: BaselineKnots) -> tuple[int, float]:
-    """Return the knot before a time and the position between it and the next one, 0..1."""
-    if baseline.knots < 2:
-        return 0, 0.0
-    ahead = (start_ns - baseline.origin_ns) / baseline.spacing_ns
-    knot = min(max(int(ahead), 0), baseline.knots - 2)
-    return knot, ahead - knot
+def position_of(stamp_ns: int, baseline: Baseline) -> float:
+    """Return a time in distances of the knots, 0 at the first one."""
+    value: float = (stamp_ns - baseline.origin_ns) / baseline.spacing_ns
+    return value
 
 
 @numba.njit(cache=True)
-def within_knots(position: float, baseline: BaselineKnots) -> float:
+def near_knots(position: float, baseline: Baseline) -> float:
     """Return a position limited to `_EXTRAPOLATION_NS` outside the knots.
 
     The slope is not valid after a gap or a jump of the clock.
     """
-    if baseline.knots < 2:
-        return position
     margin = _EXTRAPOLATION_NS / baseline.spacing_ns
     return min(max(position, -margin), 1.0 + margin)
 
 
 @numba.njit(cache=True)
-def hat(offset: int, position: float, baseline: BaselineKnots) -> tuple[float, float]:
-    """Return value at a block's start and slope [1/s] of knot `knot_of() + offset`."""
-    if baseline.knots < 2:
-        return 1.0, 0.0
+def hat(knot: int, position: float, baseline: Baseline) -> tuple[float, float]:
+    """Return value at a position and slope [1/s] of the hat function of a knot, 0 or 1."""
     steepness = 1e9 / baseline.spacing_ns
-    if offset == 0:
-        return 1.0 - position, -steepness
-    return position, steepness
+    return (position, steepness) if knot else (1.0 - position, -steepness)
 
 
 @numba.njit(cache=True)
@@ -113,12 +97,12 @@ def add_state_terms(
         total = 0.0
         for shift in range(row + 1):
             total += state[row - shift] * response[shift, RESPONSE_FORCE]
-        right[PARAMETERS + row] += total
+        right[NONLINEAR + row] += total
         for column in range(row + 1):
             total = 0.0
             for shift in range(column + 1):
                 total += product[row, shift] * state[column - shift]
-            matrix[PARAMETERS + row, PARAMETERS + column] += total
+            matrix[NONLINEAR + row, NONLINEAR + column] += total
 
 
 @numba.njit(cache=True)
@@ -127,16 +111,16 @@ def add_baseline_terms(
     response: FloatArray,
     moments: FloatArray,
     state: FloatArray,
-    baseline: BaselineKnots,
+    baseline: Baseline,
     matrix: FloatArray,
     right: FloatArray,
 ) -> None:
     """Add the baseline against itself, the regressors and the force."""
     count = len(state)
-    first, position = knot_of(start_ns, baseline)
-    for offset in range(min(baseline.knots, 2)):
+    position = position_of(start_ns, baseline)
+    for offset in range(2):
         value, slope = hat(offset, position, baseline)
-        row = PARAMETERS + count + first + offset
+        row = NONLINEAR + count + offset
         right[row] += value * moments[FORCE] + slope * moments[FORCE_TIME]
         for function in range(count):
             total = 0.0
@@ -144,10 +128,10 @@ def add_baseline_terms(
                 total += state[function - shift] * (
                     value * response[shift, RESPONSE_ONE] + slope * response[shift, RESPONSE_TIME]
                 )
-            matrix[row, PARAMETERS + function] += total
+            matrix[row, NONLINEAR + function] += total
         for other in range(offset + 1):
             value_2, slope_2 = hat(other, position, baseline)
-            matrix[row, PARAMETERS + count + first + other] += (
+            matrix[row, NONLINEAR + count + other] += (
                 value * value_2 * moments[COUNT]
                 + (value * slope_2 + slope * value_2) * moments[TIME]
                 + slope * slope_2 * moments[TIME_SQUARED]
@@ -155,79 +139,19 @@ def add_baseline_terms(
 
 
 @numba.njit(cache=True)
-def linear_pass(
-    problem: Problem, last: int, theta: FloatArray, matrix: FloatArray, right: FloatArray
-) -> tuple[float, float]:
-    """Fill the linear part of the normal equations from blocks first..last-1 of the ring.
-
-    Parameters
-    ----------
-    first, last : int
-        Blocks before `first` only advance the state.
-    theta : ndarray (4,)
-        u_thr, u_sat, alpha_sat, alpha_thr.
-    matrix, right : ndarray (unknowns, unknowns), (unknowns,)
-        Overwritten; lower triangle only.
-
-    Returns
-    -------
-    tuple of float
-        Number of samples and sum of y^2.
-    """
-    blocks, first, baseline, work = problem.blocks, problem.first, problem.baseline, problem.work
-    input_gain = problem.input_gain
-    matrix[:] = 0.0
-    right[:] = 0.0
-    state = work.state[0]
-    state[:] = 0.0
-    origin = arctan_recruitment(0.0, theta)
-    samples = 0.0
-    energy = 0.0
-    for index in range(last):
-        here = (blocks.head[0] + index) % len(blocks.start_ns)
-        advance_state(blocks.transition[here], state)
-        if blocks.intensity[here] != 0.0:
-            state += (
-                input_gain
-                * blocks.weight[here]
-                * (arctan_recruitment(blocks.intensity[here], theta) - origin)
-            )
-        moments = blocks.moments[here]
-        if index < first or moments[COUNT] == 0.0:
-            continue
-        samples += moments[COUNT]
-        energy += moments[FORCE_SQUARED]
-        response = blocks.response[here]
-        add_state_terms(blocks.gram[here], response, state, work.product, matrix, right)
-        if baseline.knots:
-            add_baseline_terms(
-                blocks.start_ns[here], response, moments, state, baseline, matrix, right
-            )
-    return samples, energy
-
-
-@numba.njit(cache=True)
 def advance_gradient(
-    blocks: BlockStatistics,
-    here: int,
-    theta: FloatArray,
-    origin: float,
-    input_gain: float,
-    work: Pass,
+    blocks: BlockStatistics, here: int, theta: FloatArray, input_gain: float, work: Pass
 ) -> None:
     """Advance states and derivatives (by log alpha) to a block, its pulse included."""
-    for row in range(1 + PARAMETERS):
+    for row in range(1 + NONLINEAR):
         advance_state(blocks.transition[here], work.state[row])
     intensity = blocks.intensity[here]
     if intensity == 0.0:
         return
-    rho = arctan_recruitment_with_gradient(intensity, theta, work.slope) - origin
-    push = input_gain * blocks.weight[here]
-    work.state[0] += push * rho
-    for place in range(PARAMETERS):
-        scale = theta[place] if place >= 2 else 1.0
-        slope = scale * (work.slope[place] - work.origin_slope[place])
-        work.state[1 + place] += push * slope
+    rho = counted_with_gradient(intensity, blocks.weight[here], theta, work.slope)
+    work.state[0] += input_gain * rho
+    for place in range(NONLINEAR):
+        work.state[1 + place] += input_gain * work.slope[place]
 
 
 @numba.njit(cache=True)
@@ -244,7 +168,7 @@ def add_gradient_terms(
     state = work.state
     values = work.correlated
     projected = work.projected
-    for place in range(PARAMETERS):
+    for place in range(NONLINEAR):
         for shift in range(count):
             total = 0.0
             for function in range(shift, count):
@@ -262,7 +186,7 @@ def add_gradient_terms(
             total = 0.0
             for shift in range(function + 1):
                 total += state[0, function - shift] * projected[place, shift]
-            matrix[PARAMETERS + function, place] += total
+            matrix[NONLINEAR + function, place] += total
         for other in range(place + 1):
             total = 0.0
             for row in range(count):
@@ -272,46 +196,18 @@ def add_gradient_terms(
 
 @numba.njit(cache=True)
 def add_gradient_baseline_terms(
-    start_ns: int, response: FloatArray, baseline: BaselineKnots, work: Pass, matrix: FloatArray
+    start_ns: int, response: FloatArray, baseline: Baseline, work: Pass, matrix: FloatArray
 ) -> None:
     """Add psi, whose correlations `add_gradient_terms` left in `work`, against the baseline."""
     count = response.shape[0]
-    knot, position = knot_of(start_ns, baseline)
-    for offset in range(min(baseline.knots, 2)):
+    position = position_of(start_ns, baseline)
+    for offset in range(2):
         value, slope = hat(offset, position, baseline)
-        row = PARAMETERS + count + knot + offset
-        for place in range(PARAMETERS):
+        row = NONLINEAR + count + offset
+        for place in range(NONLINEAR):
             total = 0.0
             for shift in range(count):
                 total += work.correlated[1 + place, shift] * (
                     value * response[shift, RESPONSE_ONE] + slope * response[shift, RESPONSE_TIME]
                 )
             matrix[row, place] += total
-
-
-@numba.njit(cache=True)
-def gradient_pass(
-    problem: Problem,
-    last: int,
-    theta: FloatArray,
-    linear: FloatArray,
-    matrix: FloatArray,
-    right: FloatArray,
-) -> None:
-    """Add the rows and columns of theta to the result of `linear_pass` at the same parameters.
-
-    `linear` (functions,) are the coefficients w at which the derivatives are taken.
-    """
-    blocks, first, baseline, work = problem.blocks, problem.first, problem.baseline, problem.work
-    work.state[:] = 0.0
-    origin = arctan_recruitment_with_gradient(0.0, theta, work.origin_slope)
-    for index in range(last):
-        here = (blocks.head[0] + index) % len(blocks.start_ns)
-        advance_gradient(blocks, here, theta, origin, problem.input_gain, work)
-        if index < first or blocks.moments[here, COUNT] == 0.0:
-            continue
-        response = blocks.response[here]
-        add_gradient_terms(blocks.gram[here], response, linear, work, matrix, right)
-        if not baseline.knots:
-            continue
-        add_gradient_baseline_terms(blocks.start_ns[here], response, baseline, work, matrix)

@@ -15,7 +15,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 
@@ -24,7 +24,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from rpms_ros.errors import IdentificationError
-from rpms_ros.identification.estimation.settings import PARAMETERS, ProjectionSettings
+from rpms_ros.identification.estimation.settings import ProjectionSettings
 from rpms_ros.identification.estimation.window_equations import (
     SLOPES,
     Point,
@@ -32,11 +32,16 @@ from rpms_ros.identification.estimation.window_equations import (
 )
 from rpms_ros.identification.model.basis import LaguerreBasis
 from rpms_ros.identification.model.estimate import Estimator
-from rpms_ros.muscle.recruitment import (
-    PARAMETER_NAMES,
-    RecruitmentParameters,
-    identified_recruitment,
+from rpms_ros.identification.model.recruitment import (
+    DEVIATION,
+    NONLINEAR,
+    PARAMETERS,
+    SUMMATION,
+    coordinates,
+    deviation_variance,
+    recruitment_curve,
 )
+from rpms_ros.muscle.recruitment import PARAMETER_NAMES
 from rpms_ros.pulses import FloatArray
 from rpms_ros.saved_state import is_state, read_state
 
@@ -59,10 +64,13 @@ class Terms(NamedTuple):
 
     Attributes
     ----------
-    matrix, gradient : ndarray (4 + functions, 4 + functions), (4 + functions,)
-        Information about [theta, w], and minus half the gradient of the cost.
-    cost, logarithm : float
-        Cost, and log-determinant of what was learnt before.
+    matrix, gradient : ndarray (26 + functions, 26 + functions), (26 + functions,)
+        Information about [theta, w] but for the deviation, and minus half the gradient of the
+        cost.
+    cost : float
+        Cost.
+    deviation : ndarray (20,)
+        c.
     walk : ndarray (knots, knots)
         Information about a slow change of scale 1.
     changes : ndarray (2, knots)
@@ -74,7 +82,7 @@ class Terms(NamedTuple):
     matrix: FloatArray
     gradient: FloatArray
     cost: float
-    logarithm: float
+    deviation: FloatArray
     walk: FloatArray
     changes: FloatArray
     slope: FloatArray
@@ -82,7 +90,11 @@ class Terms(NamedTuple):
 
 @numba.njit(cache=True)
 def added(
-    terms: Terms, scales: FloatArray, matrix: FloatArray, right: FloatArray
+    terms: Terms,
+    scales: FloatArray,
+    variance: FloatArray,
+    matrix: FloatArray,
+    right: FloatArray,
 ) -> tuple[float, float]:
     """Add what is known to the equations of x; return its cost and its log-determinant.
 
@@ -93,13 +105,22 @@ def added(
     scales : ndarray (3,)
         Change of force and of time constant from knot to knot (relative), of u_thr and u_sat
         from interval to interval.
+    variance : ndarray (20,)
+        Of the deviation c.
     matrix, right : ndarray (unknowns, unknowns), (unknowns,)
         Information and minus half the gradient, in place.
     """
     joint, knots = len(terms.gradient), terms.changes.shape[1]
-    cost, logarithm = terms.cost, terms.logarithm
-    matrix[:joint, :joint] += terms.matrix
+    cost = terms.cost
+    known = terms.matrix.copy()
+    for index in range(len(variance)):
+        place = PARAMETERS + index
+        known[place, place] += 1.0 / variance[index]
+        right[place] -= terms.deviation[index] / variance[index]
+        cost += terms.deviation[index] ** 2 / variance[index]
+    matrix[:joint, :joint] += known
     right[:joint] += terms.gradient
+    logarithm = log_determinant(known)
     for which in range(2):
         information = 1.0 / scales[which] ** 2
         first = joint + which * knots
@@ -122,19 +143,34 @@ def added(
     return cost, logarithm
 
 
+@numba.njit(cache=True)
+def log_determinant(matrix: FloatArray) -> float:
+    """Return the logarithm of the determinant of a positive matrix, rows scaled to 1."""
+    scale = np.sqrt(np.diag(matrix))
+    scaled = matrix / np.outer(scale, scale)
+    for place in range(len(scaled)):
+        scaled[place, place] += ROUNDING
+    factor = np.linalg.cholesky(scaled)
+    value: float = 2.0 * np.sum(np.log(np.diag(factor)) + np.log(scale))
+    return value
+
+
 @dataclass(frozen=True)
 class Knowledge:
     """Priors of x.
 
     Attributes
     ----------
-    mean, deviation : ndarray (4,)
-        Physiological prior of theta, alpha as logarithms.
+    mean, deviation : ndarray (26,)
+        Physiological prior of theta, alpha as logarithms; infinite deviations for c, whose prior
+        has a size of its own.
     lower, upper : ndarray (4,)
-        Bounds of theta, alpha as logarithms.
+        Their bounds, alpha as logarithms.
     separation : float
         u_sat is at least this far above u_thr.
-    information, reference : ndarray (4 + functions, 4 + functions), (4 + functions,)
+    any_shape : bool
+        Whether the recruitment may deviate from the arctangents.
+    information, reference : ndarray (26 + functions, 26 + functions), (26 + functions,)
         Result of samples before the window: inverse covariance and mean of [theta, w].
     """
 
@@ -143,18 +179,9 @@ class Knowledge:
     lower: FloatArray
     upper: FloatArray
     separation: float
+    any_shape: bool
     information: FloatArray
     reference: FloatArray
-
-    @cached_property
-    def _logarithm(self) -> float:
-        """Log-determinant of the prior of [theta, w], 0 if it is the physiology alone."""
-        if not self.information.any():
-            return 0.0
-        matrix = self.information.copy()
-        place = np.arange(PARAMETERS)
-        matrix[place, place] += 1.0 / self.deviation**2
-        return float(np.linalg.slogdet(matrix)[1])
 
     def about(self, point: Point, ridge: float) -> 'Terms':
         """Return what is known at a point, whatever the scales.
@@ -175,27 +202,32 @@ class Knowledge:
         gradient = -pull
         cost = float(before @ pull)
         away = theta - self.mean
-        place = np.arange(PARAMETERS)
+        place = np.arange(NONLINEAR)
         matrix[place, place] += 1.0 / self.deviation**2
-        gradient[:PARAMETERS] -= away / self.deviation**2
+        gradient[:NONLINEAR] -= away / self.deviation**2
         cost += float(np.sum((away / self.deviation) ** 2))
-        place = np.arange(PARAMETERS, len(here))
+        place = np.arange(NONLINEAR, len(here))
         matrix[place, place] += ridge
-        gradient[PARAMETERS:] -= ridge * linear
+        gradient[NONLINEAR:] -= ridge * linear
         cost += ridge * float(linear @ linear)
         changes = np.stack((point.gain, point.slowing))
         walk = walk_information(len(point.gain))
-        return Terms(matrix, gradient, cost, self._logarithm, walk, changes, point.slope)
+        return Terms(matrix, gradient, cost, theta[DEVIATION], walk, changes, point.slope)
 
     def bounded(self, point: Point, step: FloatArray, hessian: FloatArray) -> FloatArray:
         """Return the step (unknowns,) with theta within its bounds, the rest solved again."""
-        theta = coordinates(point.theta)
+        theta = coordinates(point.theta)[:PARAMETERS]
         low, high = self.lower - theta, self.upper - theta
+        apart = self.separation - (theta[1] - theta[0])
         held = np.zeros(len(step), dtype=bool)
         right = hessian @ step
         for _ in range(PARAMETERS):
             inside = np.clip(step[:PARAMETERS], low, high)
-            leaves = (np.abs(inside - step[:PARAMETERS]) > 0.0) & ~held[:PARAMETERS]
+            lacking = apart - (inside[1] - inside[0])
+            if lacking > 1e-12:
+                middle = np.clip(0.5 * (inside[0] + inside[1]), low[0], high[1] - apart)
+                inside[:2] = middle - 0.5 * apart, middle + 0.5 * apart
+            leaves = (np.abs(inside - step[:PARAMETERS]) > 1e-12) & ~held[:PARAMETERS]
             if not leaves.any():
                 break
             held[:PARAMETERS] |= leaves
@@ -208,7 +240,7 @@ class Knowledge:
         return step
 
     def part(self, theta: FloatArray) -> None:
-        """Keep u_sat of theta (4,) above u_thr, in place."""
+        """Keep u_sat of theta (26,) above u_thr, in place."""
         lacking = self.separation - (theta[1] - theta[0])
         if lacking > 0.0:
             theta[0] = max(theta[0] - 0.5 * lacking, self.lower[0])
@@ -227,31 +259,35 @@ class Knowledge:
         return gain > float(chdtri(len(self.reference), 1.0 - _CONTRADICTED))
 
     def converted(self, matrix: FloatArray, size: float) -> 'Knowledge':
-        """Return the prior in other coordinates of [theta, w], `matrix` times these.
+        """Return the prior in other coordinates of w, `matrix` (functions, functions) times these.
 
         `size` is the norm of w; a share of it is added as the error of the conversion.
         """
         if not self.information.any():
             return self
-        joint = len(self.reference)
-        covariance = matrix @ scaled_inverse(self.information) @ matrix.T
-        place = np.arange(PARAMETERS, joint)
+        both = np.eye(len(self.reference))
+        both[NONLINEAR:, NONLINEAR:] = matrix
+        covariance = both @ scaled_inverse(self.information) @ both.T
+        place = np.arange(NONLINEAR, len(both))
         covariance[place, place] += (_LOST * size) ** 2
         return replace(
-            self, information=scaled_inverse(covariance), reference=matrix @ self.reference
+            self, information=scaled_inverse(covariance), reference=both @ self.reference
         )
 
 
 def knowledge_of(settings: ProjectionSettings) -> Knowledge:
     """Return the prior before any sample."""
     prior = settings.as_prior()
-    joint = PARAMETERS + settings.basis.functions
+    shape = np.zeros(DEVIATION.stop - PARAMETERS)
+    kappa, spread = settings.summation
+    joint = NONLINEAR + settings.basis.functions
     return Knowledge(
-        mean=prior.mean,
-        deviation=prior.deviation,
+        mean=np.concatenate((prior.mean, shape, np.full(2, kappa))),
+        deviation=np.concatenate((prior.deviation, shape + np.inf, np.full(2, spread))),
         lower=coordinates(prior.lower),
         upper=coordinates(prior.upper),
         separation=prior.separation,
+        any_shape=settings.deviation,
         information=np.zeros((joint, joint)),
         reference=np.zeros(joint),
     )
@@ -260,9 +296,9 @@ def knowledge_of(settings: ProjectionSettings) -> Knowledge:
 def posterior_as_prior(knowledge: Knowledge, fit: 'WindowFit') -> Knowledge:
     """Return the result of a fit as prior for later samples, slightly widened."""
     point = fit.point
-    joint = PARAMETERS + len(point.linear)
+    joint = NONLINEAR + len(point.linear)
     covariance = fit.covariance[:joint, :joint].copy()
-    place = np.arange(PARAMETERS, joint)
+    place = np.arange(NONLINEAR, joint)
     covariance[place, place] += (_LOST * float(np.linalg.norm(point.linear))) ** 2
     reference = np.concatenate((coordinates(point.theta), point.linear))
     return replace(knowledge, information=scaled_inverse(covariance), reference=reference)
@@ -285,11 +321,6 @@ def walk_information(knots: int) -> FloatArray:
     return information
 
 
-def coordinates(theta: FloatArray) -> FloatArray:
-    """Return theta (4,) with alpha as logarithms."""
-    return np.concatenate((theta[:2], np.log(theta[2:])))
-
-
 def scaled_inverse(matrix: FloatArray) -> FloatArray:
     """Return the inverse (n, n) of a symmetric matrix whose rows differ much in size."""
     scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
@@ -310,6 +341,8 @@ _BASES = tuple(
 # Standard deviations that the JSON of a result lacks: response, as a share of it, and parameters.
 _RESULT_SHARE = 0.02
 _RESULT_DEVIATION = (0.02, 0.02, 0.3, 0.2)
+# Size and length of what the curve may deviate besides.
+_RESULT_SHAPE = (0.01, 0.16)
 
 
 @dataclass(frozen=True)
@@ -343,11 +376,11 @@ class KnownMuscle:
 
     Attributes
     ----------
-    theta : ndarray (4,)
-        u_thr, u_sat, alpha_sat, alpha_thr.
+    theta : ndarray (26,)
+        u_thr, u_sat, alpha_sat, alpha_thr and the deviation.
     linear : ndarray (functions,)
         Coefficients of the response.
-    covariance : ndarray (4 + functions, 4 + functions)
+    covariance : ndarray (26 + functions, 26 + functions)
         Of both, alpha as logarithms.
     variance : float
         Of the residuals [N^2].
@@ -362,39 +395,41 @@ class KnownMuscle:
     basis: LaguerreBasis
 
     def __post_init__(self) -> None:
-        joint = PARAMETERS + self.basis.functions
-        fits = self.theta.shape == (PARAMETERS,) and self.linear.shape == (self.basis.functions,)
+        joint = NONLINEAR + self.basis.functions
+        fits = self.theta.shape == (NONLINEAR,) and self.linear.shape == (self.basis.functions,)
         if not (fits and self.covariance.shape == (joint, joint)):
             raise IdentificationError('expected parameters of one model, got other shapes')
         values = np.concatenate((self.theta, self.linear, self.covariance.ravel()))
         if not (np.isfinite(values).all() and 0.0 < self.variance < math.inf):
             raise IdentificationError('expected finite parameters of a muscle, got others')
-        if not (self.theta[2:] > 0.0).all():
-            raise IdentificationError(f'expected alpha above 0, got {self.theta[2:].tolist()}')
+        if not (self.theta[2:PARAMETERS] > 0.0).all():
+            alpha = self.theta[2:PARAMETERS].tolist()
+            raise IdentificationError(f'expected alpha above 0, got {alpha}')
 
     def on(self, basis: LaguerreBasis) -> 'KnownMuscle':
         """Return the same on another basis, by least squares."""
         if basis == self.basis:
             return self
         change = np.linalg.lstsq(basis.evaluate(_LAG), self.basis.evaluate(_LAG), rcond=None)[0]
-        joint = np.zeros((PARAMETERS + basis.functions, len(self.covariance)))
-        joint[:PARAMETERS, :PARAMETERS] = np.eye(PARAMETERS)
-        joint[PARAMETERS:, PARAMETERS:] = change
+        joint = np.zeros((NONLINEAR + basis.functions, len(self.covariance)))
+        joint[:NONLINEAR, :NONLINEAR] = np.eye(NONLINEAR)
+        joint[NONLINEAR:, NONLINEAR:] = change
         covariance = joint @ self.covariance @ joint.T
         return KnownMuscle(self.theta, change @ self.linear, covariance, self.variance, basis)
 
     def widened(self, change: DayToDay) -> FloatArray:
-        """Return the covariance (4 + functions, 4 + functions) after a change from day to day."""
+        """Return the covariance, of the same shape, after a change from day to day."""
         size = float(self.linear @ self.linear)
         spread = np.concatenate(
             (
                 np.full(2, change.threshold**2),
                 np.full(2, change.slope**2),
+                np.zeros(NONLINEAR - PARAMETERS),
                 np.full(len(self.linear), change.shape**2 * size / len(self.linear)),
             )
         )
         covariance: FloatArray = self.covariance + np.diag(spread)
-        response = covariance[PARAMETERS:, PARAMETERS:]
+        response = covariance[NONLINEAR:, NONLINEAR:]
         response += change.gain**2 * np.outer(self.linear, self.linear)
         stretch = time_scale_derivative(self.linear)
         response += change.slowing**2 * np.outer(stretch, stretch)
@@ -442,36 +477,16 @@ def known_from(path: Path | str) -> KnownMuscle:
     try:
         if is_state(path):
             state = read_state(path)['estimator_state']
-            return _of_tracking(state) if '_window' in state else _of_batch(state)
+            fit, basis = state['_window'], LaguerreBasis(**state['_basis'])
+            joint = NONLINEAR + basis.functions
+            covariance = np.array(fit['covariance'][:joint, :joint], dtype=np.float64)
+            point = fit['point']
+            return KnownMuscle(point['theta'], point['linear'], covariance, fit['variance'], basis)
         return _of_result(_read_result(Path(path)))
     except (KeyError, TypeError, ValueError, AttributeError, np.linalg.LinAlgError) as error:
         raise IdentificationError(
             f'expected a session with a recruitment curve in {path}, got {error!r}'
         ) from error
-
-
-def _of_batch(state: Mapping[str, Any]) -> KnownMuscle:
-    """Return the knowledge in the state of a batch."""
-    fit, prior = state['_fit'], state['_problem']['prior']
-    variance = float(fit['variance'][0])
-    lower = np.tril(fit['complete'])
-    matrix = lower + np.tril(lower, -1).T
-    joint = PARAMETERS + len(fit['linear'])
-    known = np.arange(PARAMETERS)
-    matrix[known, known] += variance / prior['deviation'] ** 2
-    size = float(np.trace(matrix))
-    matrix += 1e-9 * size / len(matrix) * np.eye(len(matrix))
-    inverse = np.linalg.inv(matrix)[:joint, :joint]
-    basis = LaguerreBasis(**state['_basis'])
-    return KnownMuscle(fit['theta'], fit['linear'], variance * inverse, variance, basis)
-
-
-def _of_tracking(state: Mapping[str, Any]) -> KnownMuscle:
-    """Return the knowledge in the state of `tracking`: the muscle at the end."""
-    fit, basis = state['_window'], LaguerreBasis(**state['_basis'])
-    point, joint = fit['point'], PARAMETERS + basis.functions
-    covariance = np.array(fit['covariance'][:joint, :joint], dtype=np.float64)
-    return KnownMuscle(point['theta'], point['linear'], covariance, fit['variance'], basis)
 
 
 def _of_result(document: Mapping[str, Any]) -> KnownMuscle:
@@ -483,16 +498,36 @@ def _of_result(document: Mapping[str, Any]) -> KnownMuscle:
             f'{", ".join(unknown)}'
         )
     theta = np.array([float(recruitment[name]) for name in PARAMETER_NAMES])
+    curve = document['curve']
+    theta = _with_deviation(theta, *(np.array(curve[name]) for name in ('intensity', 'force')))
     response = document['impulse_response']
     time = np.array(response['time_s'], dtype=np.float64)
     force = np.array(response['force'], dtype=np.float64)
     # the coefficients are those of recruitment 1, the response is that at full intensity
-    force /= float(identified_recruitment(RecruitmentParameters(*theta.tolist()), 1.0))
+    force /= float(recruitment_curve(np.ones(1), theta)[0][0])
     basis, linear = _fitted_basis(time, force)
     share = _RESULT_SHARE**2 * float(linear @ linear) / len(linear)
-    deviation = np.array(_RESULT_DEVIATION)
-    covariance = np.diag(np.concatenate((deviation**2, np.full(len(linear), share))))
+    spread = np.concatenate(
+        (
+            np.square(_RESULT_DEVIATION),
+            deviation_variance(*_RESULT_SHAPE),
+            np.full(2, ProjectionSettings().summation[1] ** 2),
+        )
+    )
+    covariance = np.diag(np.concatenate((spread, np.full(len(linear), share))))
     return KnownMuscle(theta, linear, covariance, float(document['output_error_n']) ** 2, basis)
+
+
+def _with_deviation(theta: FloatArray, intensity: FloatArray, force: FloatArray) -> FloatArray:
+    """Return theta (26,) of a curve (n,) whose nearest arctangents have the parameters (4,)."""
+    theta = np.pad(theta, (0, NONLINEAR - len(theta)))
+    theta[SUMMATION] = ProjectionSettings().summation[0]
+    rho, slopes = recruitment_curve(intensity, theta)
+    gain = float(force @ rho) / float(rho @ rho)
+    sines = slopes[:, DEVIATION]
+    known = sines.T @ sines + np.diag(1e-6 / deviation_variance(1.0, _RESULT_SHAPE[1]))
+    theta[DEVIATION] = np.linalg.solve(known, sines.T @ (force / gain - rho))
+    return theta
 
 
 def _fitted_basis(time: FloatArray, force: FloatArray) -> tuple[LaguerreBasis, FloatArray]:

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Settings of the batch and the tracking estimator, and the data of a fit.
 
-`Problem` has block statistics, baseline and prior in one object.
+`Problem` has block statistics and baseline in one object.
 """
 
 import math
@@ -14,26 +14,22 @@ import numpy as np
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.estimation.blocks import BlockStatistics
 from rpms_ros.identification.model.basis import LaguerreBasis
+from rpms_ros.identification.model.recruitment import NONLINEAR, PARAMETERS, SUMMATION
 from rpms_ros.identification.model.settings import SIMULATION_START, RecruitmentBounds
 from rpms_ros.identification.model.summation import TemporalSummation
 from rpms_ros.muscle.recruitment import RateRecruitment, RecruitmentParameters
 from rpms_ros.pulses import FloatArray
 
-PARAMETERS = 4
 
-
-class BaselineKnots(NamedTuple):
-    """Piecewise linear baseline: its knots' values are linear unknowns.
+class Baseline(NamedTuple):
+    """Straight baseline through its values at two knots, which are linear unknowns.
 
     Attributes
     ----------
-    knots : int
-        0: none; 1: an offset; more: linear between knots.
     origin_ns, spacing_ns : int
-        First knot and distance of knots [ns].
+        First knot and distance of the second [ns].
     """
 
-    knots: int
     origin_ns: int
     spacing_ns: int
 
@@ -43,15 +39,15 @@ class Pass(NamedTuple):
 
     Attributes
     ----------
-    state : ndarray (1 + 4, functions)
+    state : ndarray (1 + 26, functions)
         States, and their derivatives by theta.
-    correlated : ndarray (1 + 4, functions)
+    correlated : ndarray (1 + 26, functions)
         Correlation of w with each row of `state`.
-    projected : ndarray (4, functions)
+    projected : ndarray (26, functions)
         S v_j.
     product : ndarray (functions, functions)
         X S.
-    slope, origin_slope : ndarray (4,)
+    slope : ndarray (26,)
         Derivatives of the recruitment.
     """
 
@@ -60,18 +56,16 @@ class Pass(NamedTuple):
     projected: FloatArray
     product: FloatArray
     slope: FloatArray
-    origin_slope: FloatArray
 
 
 def pass_arrays(functions: int) -> Pass:
     """Return arrays for so many functions."""
     return Pass(
-        state=np.zeros((1 + PARAMETERS, functions)),
-        correlated=np.zeros((1 + PARAMETERS, functions)),
-        projected=np.zeros((PARAMETERS, functions)),
+        state=np.zeros((1 + NONLINEAR, functions)),
+        correlated=np.zeros((1 + NONLINEAR, functions)),
+        projected=np.zeros((NONLINEAR, functions)),
         product=np.zeros((functions, functions)),
-        slope=np.zeros(PARAMETERS),
-        origin_slope=np.zeros(PARAMETERS),
+        slope=np.zeros(NONLINEAR),
     )
 
 
@@ -106,10 +100,8 @@ class Problem(NamedTuple):
         Blocks before this one only advance the state and are not fitted.
     input_gain : float
         Increase of each state by a pulse of recruitment 1 [s^-1/2].
-    baseline : BaselineKnots
-        Baseline of the force.
-    prior : Prior
-        Prior and bounds.
+    baseline : Baseline
+        Baseline of the predictions.
     work : Pass
         Arrays that the passes overwrite.
     """
@@ -117,13 +109,14 @@ class Problem(NamedTuple):
     blocks: BlockStatistics
     first: int
     input_gain: float
-    baseline: BaselineKnots
-    prior: Prior
+    baseline: Baseline
     work: Pass
 
 
 # Further starts of a fit: alternate corners of the range of u_thr, u_sat and alpha_sat.
 _CORNERS = ((0.40, 0.80, 3.0), (0.40, 1.00, 12.0), (0.65, 0.80, 12.0), (0.65, 1.00, 3.0))
+# kappa of people is between that of a sum of twitches, 0, and that of Eq. (10), 1.
+_OF_PEOPLE, _OF_A_LAW = (0.5, 0.5), (1.0, 0.05)
 _CENTRE = RecruitmentParameters(0.60, 0.90, 8.0, 5.5)
 
 
@@ -184,8 +177,8 @@ class ProjectionSettings:
         Bounds of u_thr, u_sat and alpha_sat.
     alpha_thr : tuple of float
         Lowest and highest alpha_thr; equal values fix it.
-    baseline : bool
-        Whether the model has an offset and a slow drift of the force.
+    deviation : bool
+        Whether the recruitment may deviate from the arctangents of the paper.
     by_rate : RateRecruitment or None
         How the weight of a pulse depends on the interval to the one before it (Eq. 10); None:
         all weights are 1.
@@ -193,8 +186,6 @@ class ProjectionSettings:
         How the weight of a pulse depends on all pulses before it, instead of `by_rate`.
     choose_basis : bool
         Batch: choose latency and time constant by the samples; the search begins at `basis`.
-    knot_spacing : float
-        Batch: distance of the baseline's knots [s].
     confidence : float
         Level of the intervals.
 
@@ -209,16 +200,13 @@ class ProjectionSettings:
     prior: RecruitmentPrior = field(default_factory=RecruitmentPrior)
     bounds: RecruitmentBounds = field(default_factory=RecruitmentBounds)
     alpha_thr: tuple[float, float] = (2.0, 15.0)
-    baseline: bool = True
+    deviation: bool = True
     by_rate: RateRecruitment | None = field(default_factory=RateRecruitment)
     history: TemporalSummation | None = None
     choose_basis: bool = False
-    knot_spacing: float = 15.0
     confidence: float = 0.95
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.knot_spacing) and self.knot_spacing > 0):
-            raise IdentificationError(f'expected knot_spacing above 0 s, got {self.knot_spacing}')
         if not 0 < self.confidence < 1:
             raise IdentificationError(f'expected 0 < confidence < 1, got {self.confidence}')
         if not 0 < self.alpha_thr[0] <= self.start.alpha_thr <= self.alpha_thr[1]:
@@ -231,9 +219,19 @@ class ProjectionSettings:
             )
 
     def starts(self) -> list[FloatArray]:
-        """Return the starts, theta (4,) each, of a fit that tries several."""
+        """Return the starts, theta (26,) each, of a fit that tries several."""
         alpha_thr = self.start.alpha_thr
-        return [np.array([*start, alpha_thr]) for start in (tuple(self.start[:3]), *_CORNERS)]
+        found = []
+        for start in (self.start[:3], *_CORNERS):
+            theta = np.zeros(NONLINEAR)
+            theta[:PARAMETERS], theta[SUMMATION] = [*start, alpha_thr], self.summation[0]
+            found.append(theta)
+        return found
+
+    @property
+    def summation(self) -> tuple[float, float]:
+        """Mean and standard deviation of kappa: a history law was measured, Eq. (10) elsewhere."""
+        return _OF_PEOPLE if self.history is None else _OF_A_LAW
 
     def as_prior(self) -> Prior:
         """Return prior and bounds."""

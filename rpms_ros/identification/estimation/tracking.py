@@ -14,7 +14,6 @@ data are cut.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from scipy.special import ndtri
@@ -25,7 +24,6 @@ from rpms_ros.identification.estimation.basis_choice import (
     BasisChoice,
     BasisFit,
     BasisSchedule,
-    RawSamples,
     Search,
     conversion,
 )
@@ -40,23 +38,16 @@ from rpms_ros.identification.estimation.change_detection import (
     origin_of,
     snapshot,
 )
-from rpms_ros.identification.estimation.estimator import ProjectionEstimator, recompute_state
-from rpms_ros.identification.estimation.normal_equations import within_knots
+from rpms_ros.identification.estimation.estimator import ProjectionEstimator
+from rpms_ros.identification.estimation.normal_equations import near_knots
 from rpms_ros.identification.estimation.prior import (
     DayToDay,
     Knowledge,
     KnownMuscle,
-    coordinates,
-    knowledge_of,
     posterior_as_prior,
     scaled_inverse,
 )
-from rpms_ros.identification.estimation.settings import (
-    PARAMETERS,
-    BaselineKnots,
-    Problem,
-    ProjectionSettings,
-)
+from rpms_ros.identification.estimation.settings import Problem, ProjectionSettings
 from rpms_ros.identification.estimation.tremor import SEARCHED_NS, Tremor, repetition_rates
 from rpms_ros.identification.estimation.window_equations import (
     Origin,
@@ -75,6 +66,12 @@ from rpms_ros.identification.estimation.window_fit import (
 )
 from rpms_ros.identification.model.basis import LaguerreBasis
 from rpms_ros.identification.model.estimate import DEFAULT_RATE, Estimate
+from rpms_ros.identification.model.recruitment import (
+    NONLINEAR,
+    PARAMETERS,
+    coordinates,
+    from_coordinates,
+)
 from rpms_ros.identification.quality.doubts import PULSES_TOO_FREQUENT, REASON, RESIDUALS_ALIKE
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray
 from rpms_ros.saved_state import Restorable
@@ -171,7 +168,7 @@ def _rates(
     knots = len(fit.point.gain)
     if not knots:
         return (), np.empty(0), np.empty(0)
-    base = PARAMETERS + len(fit.point.linear)
+    base = NONLINEAR + len(fit.point.linear)
     # a slower twitch of the same height has a larger area, and so a larger steady force
     steady = float(area @ fit.point.linear)
     by_slowing = float(area @ time_scale_derivative(fit.point.linear)) / steady if steady else 0.0
@@ -225,8 +222,8 @@ class Multistart(Restorable):
 
     Parameters
     ----------
-    starts : sequence of ndarray (4,)
-        theta of each.
+    starts : sequence of ndarray (26,)
+        theta of each (26,).
     """
 
     _turn: int
@@ -265,7 +262,7 @@ LONGEST_BASIS = LaguerreBasis(7, 90e-3, 30e-3)
 class TrackingSettings(ProjectionSettings):
     """Model and numerics of the tracking estimator.
 
-    `basis` and `start` are the first ones; `knot_spacing` is not used.
+    `basis` and `start` are the first ones.
 
     Attributes
     ----------
@@ -346,10 +343,8 @@ class TrackingEstimator(ProjectionEstimator):
     _multistart: Multistart
     _from_before: bool
     _knowledge: Knowledge
-    _window: WindowFit
     _origin: Origin
     _watch: ChangeWatch
-    _raw: RawSamples
     _tremor: Tremor
 
     def __init__(
@@ -362,38 +357,27 @@ class TrackingEstimator(ProjectionEstimator):
         self._choose, self._find = settings.choose_basis, settings.find_changes
         self._longest = settings.window
         self._capacity = int(seconds * _HIGHEST_RATE) + _SPARE_BLOCKS
-        super().__init__(settings, rate_hz, self._capacity, 2)
+        super().__init__(settings, rate_hz, self._capacity)
         self._step_ns = round(settings.step_period * NANOSECONDS_PER_SECOND)
         functions = settings.basis.functions
         self._last_ns = None
         self._schedule = BasisSchedule()
         self._multistart = Multistart(settings.starts())
         self._from_before = False
-        self._prior = knowledge_of(settings)
         self._knowledge = self._prior
-        self._window = fresh_fit(np.array(settings.start), functions)
         self._origin = no_change(functions)
         self._watch = ChangeWatch()
-        self._raw = RawSamples()
         self._tremor = Tremor()
-        self._use(settings.basis)
 
     @property
     def memory(self) -> float:
         """Longest time for which a pulse may act on the model's output [s]."""
         return LONGEST_BASIS.duration
 
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """Remember what was saved; see `Restorable.restore`."""
-        super().restore(state)
-        self._use(self._basis)
-
     def add_pulses(self, onset_ns: IntArray, intensity: FloatArray) -> None:
         """Add pulses (pulses,), ascending, none before one that was already added [ns, 1]."""
         super().add_pulses(onset_ns, intensity)
         if len(onset_ns):
-            weight = self._delay_line.weight[-len(onset_ns) :]
-            self._raw.add_pulses(onset_ns, intensity, weight)
             self._schedule.add_pulses(onset_ns, intensity)
 
     def update(self, stamp_ns: IntArray, force: FloatArray, usable: BoolArray) -> FloatArray:
@@ -448,8 +432,9 @@ class TrackingEstimator(ProjectionEstimator):
         if not self._choose:
             basis = self.settings.basis
         known = known.on(basis)
-        prior = self._problem.prior
-        theta = np.clip(known.theta, prior.lower, prior.upper)
+        theta = coordinates(known.theta)
+        theta[:PARAMETERS] = np.clip(theta[:PARAMETERS], self._prior.lower, self._prior.upper)
+        theta = from_coordinates(theta)
         self._prior.part(theta)
         self._use(basis)
         self._problem = self._problem._replace(input_gain=basis.input_gain)
@@ -464,7 +449,7 @@ class TrackingEstimator(ProjectionEstimator):
     def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
         """Return the present estimate."""
         return described_fit(
-            self._build(stamp_ns, faults),
+            super().estimate(stamp_ns, faults),
             self._window,
             self._watch.found,
             self._watch.count,
@@ -480,17 +465,6 @@ class TrackingEstimator(ProjectionEstimator):
         """Newest stamp [ns]."""
         assert self._last_ns is not None
         return self._last_ns
-
-    def _build(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
-        """Return the estimate of the window's fit."""
-        return self._builder.stated(
-            stamp_ns,
-            self._fit,
-            self._window.uncertainty(self._prior.deviation, self.settings.confidence),
-            self._prior.deviation,
-            self._counters(),
-            self._with_own(faults),
-        )
 
     def _step(self) -> None:
         """Fit the window."""
@@ -512,12 +486,13 @@ class TrackingEstimator(ProjectionEstimator):
         if not self._watch.deliberating:
             young = window.now_ns - window.first_ns < _YOUNG_NS
             steps = _FIRST_STEPS if young or basis != self._basis else _STEPS
-            self._multistart.try_next(self._problem, self._window, self._knowledge, self._span())
-            gauss_newton_steps(self._problem, self._window, self._knowledge, self._span(), steps)
+            knowledge = self._of_any_shape(self._knowledge)
+            self._multistart.try_next(self._problem, self._window, knowledge, self._span())
+            gauss_newton_steps(self._problem, self._window, knowledge, self._span(), steps)
             self._doubt_what_is_from_before(self._span())
             if self._find and self._window.variance > 0.0:
                 self._watch.remember(snapshot(self._window, window.now_ns))
-        self._predict_by_window()
+        self._predict_by_window(INTERVAL_NS)
 
     def _follow_tremor(self) -> None:
         """Follow a tremor, or look whether what may be one explains the samples."""
@@ -543,8 +518,8 @@ class TrackingEstimator(ProjectionEstimator):
         """Go on with a basis as it explains the newest samples."""
         found, fit = explained.fit, self._window
         if explained.tremor:
-            point, prior = found.point, self._problem.prior
-            rest = explained.raw.rest(basis, point.theta, point.linear, prior)
+            point = found.point
+            rest = explained.raw.rest(basis, point.theta, point.linear)
             self._raw = explained.raw
             self._tremor.accept(explained.tremor, *rest)
             self._schedule.begin(self._now_ns)
@@ -585,7 +560,8 @@ class TrackingEstimator(ProjectionEstimator):
             return
         self._from_before = window.now_ns - int(acting_ns[0]) < _DOUBTED_NS
         alone = fresh_fit(self._window.point.theta, self._basis.functions)
-        gauss_newton_steps(self._problem, alone, self._prior, window, _FIRST_STEPS)
+        prior = self._of_any_shape(self._prior)
+        gauss_newton_steps(self._problem, alone, prior, window, _FIRST_STEPS)
         if self._knowledge.contradicted(self._window, alone):
             self._from_before = False
             self._knowledge = self._prior
@@ -651,23 +627,11 @@ class TrackingEstimator(ProjectionEstimator):
 
     def _disturbance(self, stamp_ns: IntArray) -> FloatArray:
         """Return the disturbance (samples,) [N] in the prediction."""
-        baseline, levels = self._problem.baseline, self._fit.levels
+        baseline, levels = self._problem.baseline, self._predictor.levels
         position = (stamp_ns - baseline.origin_ns) / baseline.spacing_ns
-        share = np.clip(position, within_knots(-np.inf, baseline), within_knots(np.inf, baseline))
+        share = np.clip(position, near_knots(-np.inf, baseline), near_knots(np.inf, baseline))
         disturbance: FloatArray = (1.0 - share) * levels[0] + share * levels[1]
         return disturbance
-
-    def _predict_by_window(self) -> None:
-        """Use the fit of the window for the predictions of the intake."""
-        window, fit = self._window, self._fit
-        fit.theta[:] = window.point.theta
-        fit.linear[:] = window.point.linear
-        fit.levels[:] = window.levels[-2:]
-        fit.failures[0] = window.failures
-        fit.moved[0] = float(np.abs(window.moved).max())
-        origin = (window.first + len(window.levels) - 2) * INTERVAL_NS
-        self._problem = self._problem._replace(baseline=BaselineKnots(2, origin, INTERVAL_NS))
-        recompute_state(self._problem, self._intake, fit)
 
     def _acting_ns(self) -> IntArray:
         """Return when the pulses of the blocks began to act (pulses,) [ns]."""
@@ -749,8 +713,8 @@ class TrackingEstimator(ProjectionEstimator):
             return
         if self._tremor.frequency:
             # the muscle is known better than it was
-            point, prior = self._window.point, self._problem.prior
-            rest = self._raw.rest(self._basis, point.theta, point.linear, prior)[-1]
+            point = self._window.point
+            rest = self._raw.rest(self._basis, point.theta, point.linear)[-1]
             self._raw = self._raw.without(self._tremor.frequency, rest)
             self._change_basis(self._basis)
         choice = self._choice()
@@ -772,8 +736,7 @@ class TrackingEstimator(ProjectionEstimator):
             self._raw,
             self._basis,
             self._window,
-            self._prior,
-            self._problem.prior,
+            self._of_any_shape(self._prior),
             self._compared_from(),
             self._now_ns,
             INTERVAL_NS,
@@ -788,13 +751,8 @@ class TrackingEstimator(ProjectionEstimator):
         matrix = conversion(self._basis, basis)
         fit = self._window
         linear = matrix @ fit.point.linear
-        self._into_other_blocks(
-            self._raw, basis, self._span().first_ns, self._capacity, fit.point.theta, linear
-        )
-        both = np.eye(PARAMETERS + basis.functions)
-        both[PARAMETERS:, PARAMETERS:] = matrix
-        self._knowledge = self._knowledge.converted(both, float(np.linalg.norm(linear)))
+        self._into_other_blocks(basis, self._span().first_ns, self._capacity, linear)
+        self._knowledge = self._knowledge.converted(matrix, float(np.linalg.norm(linear)))
         self._window.point = fit.point._replace(linear=linear)
         self._origin = self._origin._replace(linear=matrix @ self._origin.linear)
         self._watch.forget()
-        self._use(basis)

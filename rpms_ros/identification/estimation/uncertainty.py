@@ -8,16 +8,8 @@ times the factor by which sums of neighbouring residuals vary more than those of
 drift, an artifact or a misfit of the basis correlate neighbouring residuals, and then a sample
 informs less than an independent one.
 
-**Misfit.** A response that lacks an area ``a_k`` in the time between ``k`` and ``k + 1``
-blocks after its pulse leaves residuals whose sum over block b is ``sum_k a_k rho_(b-k) / dt``.
-With intensities that differ from pulse to pulse the mean square of these sums is that of
-``rho`` times ``sum_k a_k^2``, beyond what white residuals have. The signs are not known: taken
-as random, the error of the area, to which the recruitment curve is proportional, is the root
-of ``sum_k a_k^2``. The fit has taken up a part of what is missing, so it is multiplied by
-`_SHOWN`.
-
-Drift, voluntary effort and a changed muscle leave such sums too, and are an error of the curve
-too.
+**Parameters.** u_thr, u_sat and both alpha are those of the arctangents that are nearest to the
+recruitment curve (`model.recruitment`): the paper's parameters where it does not deviate.
 
 **Identifiability.**
 
@@ -29,14 +21,12 @@ too.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy.special import ndtri
 
-from rpms_ros.identification.estimation.gauss_newton import Fit, weak_ridge
-from rpms_ros.identification.estimation.settings import PARAMETERS, Prior
 from rpms_ros.identification.model.basis import LaguerreBasis
 from rpms_ros.identification.model.estimate import (
     CONVERGED,
@@ -47,43 +37,12 @@ from rpms_ros.identification.model.estimate import (
     Estimate,
 )
 from rpms_ros.identification.model.physiology import MISFIT, PHYSIOLOGY_NAMES, TwitchReader
-from rpms_ros.muscle.recruitment import (
-    PARAMETER_NAMES,
-    RecruitmentParameters,
-    identified_recruitment_with_gradient,
+from rpms_ros.identification.model.recruitment import (
+    nearest_arctangents,
+    recruitment_curve,
 )
+from rpms_ros.muscle.recruitment import PARAMETER_NAMES
 from rpms_ros.pulses import FloatArray, IntArray
-
-_ROUNDING = 1e-12
-# Lengths over which residuals are summed to find their correlation [ns].
-_BLOCK_NS = (100_000_000, 500_000_000, 2_000_000_000)
-# Error of theta, alpha as logarithms, where the area of the response is wrong by all of it.
-_TAKEN_UP: FloatArray = np.array([0.1, 0.1, 1.0, 1.0])
-SHORTEST_CELL_NS = _BLOCK_NS[0]
-"""Shortest of them [ns]."""
-
-
-def residual_spread(start_ns: IntArray, count: FloatArray, sums: FloatArray) -> FloatArray:
-    """Return, for some lengths, the mean of (sum of residuals)^2 / samples in blocks [N^2].
-
-    For white residuals each is their variance; where they are correlated it is larger, by the
-    factor by which a naive covariance is too small.
-
-    Parameters
-    ----------
-    start_ns, count, sums : ndarray (blocks,)
-        Begin, number of samples and sum of the residuals of consecutive blocks.
-    """
-    spread = np.zeros(len(_BLOCK_NS))
-    for place, length in enumerate(_BLOCK_NS):
-        begins = np.flatnonzero(np.diff(start_ns // length)) + 1
-        begins = np.concatenate(([0], begins))
-        samples = np.add.reduceat(count, begins)
-        inside = np.add.reduceat(sums, begins)
-        some = samples > 0.0
-        if some.any():
-            spread[place] = float(np.mean(inside[some] ** 2 / samples[some]))
-    return spread
 
 
 @dataclass(frozen=True)
@@ -92,52 +51,22 @@ class Uncertainty:
 
     Attributes
     ----------
-    covariance : ndarray (4 + functions, 4 + functions)
-        Of theta and w.
-    theta : ndarray (4,)
-        Parameters at which it is expanded.
+    covariance : ndarray (recruitment + functions, recruitment + functions)
+        Of theta, with 4 or 24 elements, and w.
     confidence : float
         Level of the intervals.
     """
 
     covariance: FloatArray
-    theta: FloatArray
     confidence: float
-
-    @property
-    def parameter_covariance(self) -> FloatArray:
-        """Covariance of u_thr, u_sat, alpha_sat, alpha_thr themselves (4, 4)."""
-        scale = np.concatenate((np.ones(2), self.theta[2:]))
-        part = self.covariance[:PARAMETERS, :PARAMETERS]
-        result: FloatArray = part * np.outer(scale, scale)
-        return result
-
-    @property
-    def deviations(self) -> FloatArray:
-        """Standard deviations of theta, alpha as logarithms (4,)."""
-        result: FloatArray = np.sqrt(np.diag(self.covariance)[:PARAMETERS])
-        return result
 
     @property
     def quantile(self) -> float:
         """Half width of an interval in standard deviations."""
         return float(ndtri(0.5 + 0.5 * self.confidence))
 
-    def with_misfit(self, share: float, deviation: FloatArray) -> 'Uncertainty':
-        """Return the uncertainty where the response is wrong by a share of its area.
-
-        The recruitment takes up a part of what the response lacks.  No standard deviation exceeds
-        that of the prior, `deviation` (4,).
-        """
-        own = np.diag(self.covariance)[:PARAMETERS]
-        most = np.maximum(deviation**2 - own, 0.0)
-        covariance = self.covariance.copy()
-        place = np.arange(PARAMETERS)
-        covariance[place, place] += np.minimum((share * _TAKEN_UP) ** 2, most)
-        return replace(self, covariance=covariance)
-
     def half_width(self, gradient: FloatArray, misfit: FloatArray | float = 0.0) -> FloatArray:
-        """Return half the interval (n,) of quantities with this gradient (n, 4 + functions).
+        """Return half the interval (n,) of quantities with this gradient (n, unknowns).
 
         `misfit` is the standard deviation (n,) of the error of the model itself.
         """
@@ -146,97 +75,31 @@ class Uncertainty:
         return width
 
 
-def uncertainty(
-    fit: Fit, prior: Prior, spread: FloatArray, confidence: float
-) -> Uncertainty | None:
-    """Return the uncertainty of a fit whose equations are complete.
-
-    Parameters
-    ----------
-    fit, prior : Fit, Prior
-        State of the estimator.
-    spread : ndarray (lengths,)
-        See `residual_spread` [N^2].
-    confidence : float
-        Level of the intervals.
-
-    Returns
-    -------
-    Uncertainty or None
-        None while there is no sample.
-    """
-    if not fit.samples[0] > 0.0:
-        return None
-    joint = PARAMETERS + len(fit.linear)
-    lower = np.tril(fit.complete)
-    matrix = lower + lower.T - np.diag(np.diag(lower))
-    variance = float(fit.variance[0])
-    theta = np.arange(PARAMETERS)
-    matrix[theta, theta] += variance / prior.deviation**2
-    linear = np.arange(PARAMETERS, len(matrix))
-    matrix[linear, linear] += weak_ridge(fit)
-    scale = np.sqrt(np.diag(matrix))
-    scaled = matrix / np.outer(scale, scale) + _ROUNDING * np.eye(len(matrix))
-    inverse = np.linalg.inv(scaled) / np.outer(scale, scale)
-    inflation = max(1.0, float(spread.max(initial=0.0)) / variance)
-    inverse = 0.5 * (inverse + inverse.T) * variance
-    inverse[PARAMETERS:] *= np.sqrt(inflation)
-    inverse[:, PARAMETERS:] *= np.sqrt(inflation)
-    inverse = _inflate_parameters(inverse, prior, inflation)
-    return Uncertainty(inverse[:joint, :joint], fit.theta.copy(), confidence)
-
-
-def _inflate_parameters(covariance: FloatArray, prior: Prior, factor: float) -> FloatArray:
-    """Inflate the covariance of theta, each deviation at most to that of the prior."""
-    deviation = np.sqrt(np.maximum(np.diag(covariance)[:PARAMETERS], 0.0))
-    most = np.maximum(prior.deviation / np.maximum(deviation, 1e-300), 1.0)
-    scale = np.ones(len(covariance))
-    scale[:PARAMETERS] = np.minimum(np.sqrt(factor), most)
-    result: FloatArray = covariance * np.outer(scale, scale)
-    return result
-
-
-# What is missing, as a multiple of what the residuals show of it: such that intervals hold in
-# bench/misfit.py, with T_a of 10 to 90 ms and latencies up to 24 ms.
-_SHOWN = 2.5
-# Standard deviations by which sums of white residuals vary; what is within them does not count.
-_CHANCE = 1.0
-
-
 @dataclass(frozen=True)
-class ResidualSums:
-    """Sums of residuals over cells of the time.
+class Muscle:
+    """What a fit has found.
 
     Attributes
     ----------
-    spread : ndarray (lengths,)
-        Mean of (sum of residuals)^2 / samples in the cells of each length [N^2], the shortest
-        first; see `uncertainty.residual_spread`.
-    cells : float
-        Number of the shortest cells.
-    samples, seconds : float
-        Number of the samples, and the time that they cover.
-    recruited : float
-        Sum of the squared recruitment of the pulses.
+    theta, linear : ndarray (4,) or (24,), (functions,)
+        Recruitment, and w.
+    levels : ndarray (levels,)
+        Levels of the baseline [N].
+    moved : float
+        Largest change of theta in the last step, alpha as logarithms.
+    damping, condition : float
+        Of the last step, and condition number of the equations of w; 0 if there is none.
+    area_error : float
+        Standard deviation of the area of the response by what the functions miss of it [N s].
     """
 
-    spread: FloatArray
-    cells: float
-    samples: float
-    seconds: float
-    recruited: float
-
-    def missing_area(self, variance: float) -> float:
-        """Return the standard deviation of the area of a response by its misfit [N s].
-
-        `variance` is that of the residuals [N^2].
-        """
-        if not (self.cells > 1.0 and self.samples > 0.0 and self.recruited > 0.0):
-            return 0.0
-        by_chance = variance * (1.0 + _CHANCE * math.sqrt(2.0 / self.cells))
-        beyond = max(float(self.spread[0]) - by_chance, 0.0)
-        area_squared = beyond * self.seconds**2 / (self.samples * self.recruited)
-        return _SHOWN * math.sqrt(area_squared)
+    theta: FloatArray
+    linear: FloatArray
+    levels: FloatArray
+    moved: float
+    damping: float = 0.0
+    condition: float = 0.0
+    area_error: float = 0.0
 
 
 LEAST_GAIN = 0.7
@@ -320,101 +183,81 @@ class EstimateBuilder:
     def make(
         self,
         stamp_ns: int,
-        fit: Fit,
-        prior: Prior,
-        residuals: ResidualSums,
-        counters: Counters,
-        faults: Mapping[str, int],
-    ) -> Estimate:
-        """Return the estimate of a fit whose equations are complete."""
-        sure = uncertainty(fit, prior, residuals.spread, self._confidence)
-        missing = residuals.missing_area(float(fit.variance[0]))
-        if sure is not None and missing > 0.0:
-            sure = sure.with_misfit(missing / max(self._area(fit), missing), prior.deviation)
-        length = float(np.linalg.norm(fit.linear) * np.linalg.norm(self._basis.area))
-        by_basis = MISFIT * length / math.sqrt(len(fit.linear))
-        area_error = math.hypot(by_basis, missing)
-        return self.stated(stamp_ns, fit, sure, prior.deviation, counters, faults, area_error)
-
-    def stated(
-        self,
-        stamp_ns: int,
-        fit: Fit,
+        found: Muscle,
         sure: Uncertainty | None,
         deviation: FloatArray,
         counters: Counters,
         faults: Mapping[str, int],
-        area_error: float = 0.0,
     ) -> Estimate:
-        """Return the estimate of a fit with a given uncertainty.
+        """Return the estimate of a muscle with its uncertainty.
 
-        `deviation` (4,) is the standard deviation of the prior of theta, alpha as logarithms;
-        `area_error` that of the area of the response by what the functions miss of it [N s].
+        `deviation` (4,) is the standard deviation of the prior of the parameters, alpha as
+        logarithms: none of theirs is larger.
         """
-        count = len(fit.linear)
-        names = tuple(f'basis_{index + 1}' for index in range(count))
-        levels = tuple(f'baseline_{index + 1}' for index in range(len(fit.levels)))
+        names = tuple(f'basis_{index + 1}' for index in range(len(found.linear)))
+        levels = tuple(f'baseline_{index + 1}' for index in range(len(found.levels)))
+        parameters, derivative = nearest_arctangents(found.theta)
         fields: dict[str, Any] = {}
         if sure is not None:
+            part = slice(len(found.theta))
+            covariance = derivative @ sure.covariance[part, part] @ derivative.T
+            spread = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+            scale = np.minimum(1.0, deviation / spread)
+            spread = spread * scale
+            scale[2:] *= parameters[2:]
             fields |= {
                 'confidence': self._confidence,
-                'nonlinear_covariance': sure.parameter_covariance,
-                'nonlinear_identifiability': identifiability(
-                    sure.deviations, deviation, float(fit.moved[0])
-                ),
-                'condition_number': _condition(fit),
+                'nonlinear_covariance': covariance * np.outer(scale, scale),
+                'nonlinear_identifiability': identifiability(spread, deviation, found.moved),
+                'condition_number': found.condition,
             }
-        fields |= self._curve(fit, sure, counters.intensity_span, area_error)
-        fields |= self._response(fit, sure, area_error)
+        fields |= self._curve(found, sure, counters.intensity_span)
+        fields |= self._response(found, sure)
         return Estimate(
             stamp_ns=stamp_ns,
             estimator=self._name,
             nonlinear_names=PARAMETER_NAMES,
-            nonlinear=fit.theta.copy(),
+            nonlinear=parameters,
             linear_names=names + levels,
-            linear=np.concatenate((fit.linear, fit.levels)),
+            linear=np.concatenate((found.linear, found.levels)),
             repetition_rate=self._rate_hz,
             curve_intensity=CURVE_INTENSITY,
             response_time=self._time,
             output_error=counters.output_error,
             samples=counters.samples,
             pulses=counters.pulses,
-            damping=float(fit.damping[0]),
+            damping=found.damping,
             faults=dict(faults),
             **fields,
         )
 
-    def _area(self, fit: Fit) -> float:
-        """Return the size of the area of the response [N s]."""
-        return abs(float(self._basis.area @ fit.linear))
-
     def _curve(
-        self, fit: Fit, sure: Uncertainty | None, span: float, area_error: float
+        self, found: Muscle, sure: Uncertainty | None, span: float
     ) -> dict[str, FloatArray]:
         """Return K rho(u) and its bounds [N]; empty if there was one intensity only."""
         if not span >= SMALLEST_INTENSITY_SPAN:
             return {'curve_force': np.empty(0)}
         area = self._rate_hz * self._basis.area
-        rho, slopes = _recruitment(fit, CURVE_INTENSITY)
-        gain = float(area @ fit.linear)
+        rho, slopes = recruitment_curve(CURVE_INTENSITY, found.theta)
+        gain = float(area @ found.linear)
         curve = gain * rho
         if sure is None:
             return {'curve_force': curve}
-        misfit = self._rate_hz * area_error * rho
+        misfit = self._rate_hz * found.area_error * rho
         half = sure.half_width(np.hstack((gain * slopes, np.outer(rho, area))), misfit)
         return {'curve_force': curve, 'curve_lower': curve - half, 'curve_upper': curve + half}
 
-    def _response(self, fit: Fit, sure: Uncertainty | None, area_error: float) -> dict[str, Any]:
+    def _response(self, found: Muscle, sure: Uncertainty | None) -> dict[str, Any]:
         """Return the response to a pulse of full intensity, and its physiology."""
-        rho, slopes = _recruitment(fit, np.ones(1))
-        response = rho[0] * (self._values @ fit.linear)
+        linear = found.linear
+        rho, slopes = recruitment_curve(np.ones(1), found.theta)
+        response = rho[0] * (self._values @ linear)
         if sure is None:
             return {'response_force': response}
-        to_coefficients = np.hstack(
-            (np.outer(fit.linear, slopes[0]), rho[0] * np.eye(len(fit.linear)))
-        )
-        share = max(MISFIT, area_error / max(self._area(fit), area_error, 1e-300))
-        misfit = share * rho[0] * np.linalg.norm(fit.linear) * np.linalg.norm(self._values, axis=1)
+        to_coefficients = np.hstack((np.outer(linear, slopes[0]), rho[0] * np.eye(len(linear))))
+        area = abs(float(self._basis.area @ linear))
+        share = max(MISFIT, found.area_error / max(area, found.area_error, 1e-300))
+        misfit = share * rho[0] * np.linalg.norm(linear) * np.linalg.norm(self._values, axis=1)
         half = sure.half_width(self._values @ to_coefficients, misfit)
         fields: dict[str, Any] = {
             'response_force': response,
@@ -422,7 +265,7 @@ class EstimateBuilder:
             'response_upper': response + half,
         }
         covariance = to_coefficients @ sure.covariance @ to_coefficients.T
-        twitch = self._reader.read(rho[0] * fit.linear, covariance, share)
+        twitch = self._reader.read(rho[0] * linear, covariance, share)
         if twitch is not None:
             width = sure.quantile * twitch.deviations
             # No muscle answers before its pulse, and none of the others can be negative either.
@@ -435,19 +278,10 @@ class EstimateBuilder:
         return fields
 
 
-def _recruitment(fit: Fit, intensity: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return rho (n,) and its derivatives (n, 4), by the logarithms of alpha."""
-    parameters = RecruitmentParameters(*(float(value) for value in fit.theta))
-    rho, slopes = identified_recruitment_with_gradient(parameters, intensity)
-    return rho, slopes * np.concatenate((np.ones(2), fit.theta[2:]))
-
-
-def _condition(fit: Fit) -> float:
-    """Return the condition number of the normal equations of w, 0 if unknown."""
-    part = slice(PARAMETERS, PARAMETERS + len(fit.linear))
-    matrix = np.tril(fit.complete[part, part])
+def condition_number(matrix: FloatArray) -> float:
+    """Return the condition number of a symmetric matrix, rows scaled to 1; 0 if unknown."""
     scale = np.sqrt(np.diag(matrix))
     if not scale.min() > 0.0:
         return 0.0
     magnitude = np.abs(np.linalg.eigvalsh(matrix / np.outer(scale, scale), UPLO='L'))
-    return float(magnitude.max() / magnitude.min()) if magnitude.min() > 0.0 else np.inf
+    return float(magnitude.max() / magnitude.min()) if magnitude.min() > 0.0 else math.inf

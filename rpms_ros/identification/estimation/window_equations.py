@@ -25,7 +25,7 @@ second differences and the intervals couple three neighbours only.
 time constant and disturbance may differ from one interval to the next, and each interval needs
 one small matrix: ``G = L^T L`` and ``r = L^T y`` with the columns
 
-.. math:: L = [\psi_1 .. \psi_4,\; z_1 .. z_n,\; h_0,\; h_1]
+.. math:: L = [\psi_1 .. \psi_{26},\; z_1 .. z_n,\; h_0,\; h_1]
 
 where psi are the derivatives of the force by theta (alpha as logarithms), z the regressors of
 the coefficients w, and h the two hats of a piecewise linear baseline whose knots are the
@@ -48,8 +48,8 @@ from rpms_ros.identification.estimation.normal_equations import (
     advance_state,
     correlate,
 )
-from rpms_ros.identification.estimation.settings import PARAMETERS, BaselineKnots, Problem
-from rpms_ros.muscle.recruitment import arctan_recruitment, arctan_recruitment_with_gradient
+from rpms_ros.identification.estimation.settings import Baseline, Problem
+from rpms_ros.identification.model.recruitment import NONLINEAR, counted
 from rpms_ros.pulses import FloatArray, IntArray
 
 # Of the exponential series: the time constant changes by less than a factor of 2.
@@ -128,22 +128,22 @@ def time_scaled_columns(
     """
     functions = powers.shape[1]
     matrix = _time_scaling(slowing, powers)
-    part = slice(PARAMETERS, PARAMETERS + functions)
+    part = slice(NONLINEAR, NONLINEAR + functions)
     # columns first, rows after
     half, changed = gram.copy(), right.copy()
     for row in range(len(right)):
         for column in range(functions):
             total = 0.0
             for inner in range(functions):
-                total += gram[row, PARAMETERS + inner] * matrix[inner, column]
-            half[row, PARAMETERS + column] = total
+                total += gram[row, NONLINEAR + inner] * matrix[inner, column]
+            half[row, NONLINEAR + column] = total
     both = half.copy()
     both[part] = 0.0
     changed[part] = 0.0
     for inner in range(functions):
         for column in range(functions):
-            changed[PARAMETERS + column] += matrix[inner, column] * right[PARAMETERS + inner]
-            both[PARAMETERS + column] += matrix[inner, column] * half[PARAMETERS + inner]
+            changed[NONLINEAR + column] += matrix[inner, column] * right[NONLINEAR + inner]
+            both[NONLINEAR + column] += matrix[inner, column] * half[NONLINEAR + inner]
     return both, changed
 
 
@@ -154,9 +154,9 @@ class Intervals(NamedTuple):
     ----------
     first : ndarray of int64 (1,)
         Number of the first one: it begins at this many lengths.
-    gram : ndarray (intervals, 4 + functions + 2, 4 + functions + 2)
+    gram : ndarray (intervals, 26 + functions + 2, 26 + functions + 2)
         L^T L, symmetric.
-    right : ndarray (intervals, 4 + functions + 2)
+    right : ndarray (intervals, 26 + functions + 2)
         L^T y.
     energy, samples : ndarray (intervals,)
         Sum of y^2 [N^2], number of samples.
@@ -171,7 +171,7 @@ class Intervals(NamedTuple):
 
 def empty_intervals(count: int, functions: int, first: int) -> Intervals:
     """Return so many intervals without a sample."""
-    columns = PARAMETERS + functions + 2
+    columns = NONLINEAR + functions + 2
     return Intervals(
         first=np.array([first], dtype=np.int64),
         gram=np.zeros((count, columns, columns)),
@@ -188,7 +188,7 @@ class Origin(NamedTuple):
     ----------
     stamp_ns : int
         Time of the change [ns]; before every pulse if there was none.
-    theta, linear : ndarray (4,), (functions,)
+    theta, linear : ndarray (26,), (functions,)
         The muscle before it.
     """
 
@@ -199,7 +199,7 @@ class Origin(NamedTuple):
 
 def no_change(functions: int) -> Origin:
     """Return the origin of a muscle that has not changed."""
-    return Origin(-(2**62), np.ones(PARAMETERS), np.zeros(functions))
+    return Origin(-(2**62), np.ones(NONLINEAR), np.zeros(functions))
 
 
 def condensed(
@@ -210,13 +210,13 @@ def condensed(
     length_ns: int,
     origin: Origin,
 ) -> Intervals:
-    """Return the intervals of the blocks `problem.first`.. at theta (4,) and w (functions,).
+    """Return the intervals of the blocks `problem.first`.. at theta (26,) and w (functions,).
 
     Parameters
     ----------
     problem : Problem
         Blocks; those before `first` only advance the state.
-    theta, linear : ndarray (4,), (functions,)
+    theta, linear : ndarray (26,), (functions,)
         Point of linearisation.
     first_ns, length_ns : int
         Beginning of the first block and length of an interval [ns].
@@ -247,8 +247,6 @@ def _condense(
     work.state[:] = 0.0
     before, values = np.zeros(functions), np.zeros(functions)
     response, moments = np.zeros((functions, 3)), np.zeros(blocks.moments.shape[1])
-    origin = arctan_recruitment_with_gradient(0.0, theta, work.origin_slope)
-    nothing = arctan_recruitment(0.0, change.theta)
     most = len(intervals.samples) - 1
     for index in range(blocks.size[0]):
         here = (blocks.head[0] + index) % len(blocks.start_ns)
@@ -256,17 +254,18 @@ def _condense(
         advance_state(blocks.transition[here], before)
         if start_ns < change.stamp_ns:
             if blocks.intensity[here] != 0.0:
-                rho = arctan_recruitment(blocks.intensity[here], change.theta) - nothing
-                before += problem.input_gain * blocks.weight[here] * rho
+                before += problem.input_gain * counted(
+                    blocks.intensity[here], blocks.weight[here], change.theta
+                )
             continue
-        advance_gradient(blocks, here, theta, origin, problem.input_gain, work)
+        advance_gradient(blocks, here, theta, problem.input_gain, work)
         if index < problem.first or blocks.moments[here, COUNT] == 0.0:
             continue
         correlate(change.linear, before, values)
         without_force(blocks, here, values, response, moments)
         number = start_ns // length_ns
         place = min(max(number - intervals.first[0], 0), most)
-        baseline = BaselineKnots(2, number * length_ns, length_ns)
+        baseline = Baseline(number * length_ns, length_ns)
         gram, right = intervals.gram[place], intervals.right[place]
         intervals.samples[place] += moments[COUNT]
         intervals.energy[place] += moments[FORCE_SQUARED]
@@ -289,8 +288,8 @@ class Point(NamedTuple):
 
     Attributes
     ----------
-    theta : ndarray (4,)
-        u_thr, u_sat, alpha_sat, alpha_thr now.
+    theta : ndarray (26,)
+        u_thr, u_sat, alpha_sat, alpha_thr, deviation c and kappa now.
     linear : ndarray (functions,)
         w now.
     gain, slowing : ndarray (knots,)
@@ -336,7 +335,7 @@ def point_at(theta: FloatArray, linear: FloatArray, knots: int) -> Point:
 
 def unknowns_of(point: Point) -> int:
     """Return the number of unknowns in x."""
-    return PARAMETERS + len(point.linear) + 2 * len(point.gain) + SLOPES
+    return NONLINEAR + len(point.linear) + 2 * len(point.gain) + SLOPES
 
 
 @numba.njit(cache=True)
@@ -467,12 +466,12 @@ def assemble(
         Filled.
     """
     knots = len(point.gain)
-    local = PARAMETERS + len(point.linear)
+    local = NONLINEAR + len(point.linear)
     force = np.zeros(local + 2)
     slow = np.zeros(local + 2)
-    force[PARAMETERS:local] = point.linear
+    force[NONLINEAR:local] = point.linear
     # D commutes with its exponential
-    slow[PARAMETERS:local] = time_scale_derivative(point.linear)
+    slow[NONLINEAR:local] = time_scale_derivative(point.linear)
     powers = time_scaling_terms(len(point.linear))
     basis = np.zeros((6, local + 2))
     place = np.zeros(6, dtype=np.int64)

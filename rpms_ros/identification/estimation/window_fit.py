@@ -14,16 +14,14 @@ from dataclasses import dataclass, replace
 import numba
 import numpy as np
 
-from rpms_ros.identification.estimation.gauss_newton import LEAST_ENERGY
 from rpms_ros.identification.estimation.prior import (
     ROUNDING,
     Knowledge,
     Terms,
     added,
-    coordinates,
     scaled_inverse,
 )
-from rpms_ros.identification.estimation.settings import PARAMETERS, Problem
+from rpms_ros.identification.estimation.settings import Problem
 from rpms_ros.identification.estimation.uncertainty import Uncertainty
 from rpms_ros.identification.estimation.window_equations import (
     SLOPES,
@@ -39,6 +37,14 @@ from rpms_ros.identification.estimation.window_equations import (
     eliminated,
     point_at,
     time_scaled,
+    unknowns_of,
+)
+from rpms_ros.identification.model.recruitment import (
+    NONLINEAR,
+    PARAMETERS,
+    coordinates,
+    deviation_variance,
+    from_coordinates,
 )
 from rpms_ros.pulses import FloatArray
 
@@ -70,12 +76,12 @@ def _left(
     squares = np.zeros(count)
     coefficients = np.zeros(columns)
     for index in range(count):
-        coefficients[:PARAMETERS] = gain[index] * theta
+        coefficients[:NONLINEAR] = gain[index] * theta
         for slope in range(len(point.slope)):
             coefficients[slope] += gain[index] * age[index] * point.slope[slope]
         response = time_scaled(point.linear, delay[index])
         for function in range(functions):
-            coefficients[PARAMETERS + function] = gain[index] * response[function]
+            coefficients[NONLINEAR + function] = gain[index] * response[function]
         coefficients[columns - 2] = levels[index]
         coefficients[columns - 1] = levels[index + 1]
         squares[index] = intervals.energy[index]
@@ -120,7 +126,7 @@ def noise_of(
         Variance; factor of at least 1 by which neighbouring residuals tell less than independent
         ones.
     """
-    local = PARAMETERS + len(before.linear)
+    local = NONLINEAR + len(before.linear)
     count = len(intervals.samples)
     total_samples = float(intervals.samples.sum())
     power = float(intervals.energy.sum()) / max(total_samples, 1.0)
@@ -153,6 +159,10 @@ LIVELINESS: FloatArray = 10.0 ** np.arange(-6.0, -0.4, 0.5)
 # an interval.
 CHANGES: FloatArray = np.concatenate(([1e-5], 10.0 ** np.arange(-4.0, -0.9, 0.5)))
 DRIFTS: FloatArray = np.concatenate(([1e-7], 10.0 ** np.arange(-5.5, -2.4, 0.5)))
+# Size of the deviation of the recruitment from the arctangents, the first practically none, and
+# its length in units of the intensity.
+SIZES: FloatArray = np.concatenate(([1e-5], 10.0 ** np.arange(-3.0, 0.1, 0.5)))
+LENGTHS: FloatArray = np.array([0.08, 0.16, 0.32])
 # Standard deviation of the level of a knot, as a multiple of the force: practically no prior.
 _LEVEL = 30.0
 # A response is not quite a sum of the functions, and a change not quite linear between its knots:
@@ -163,6 +173,11 @@ _LARGEST_STEP: FloatArray = np.array([0.1, 0.1, 0.7, 0.5])
 _LARGEST_SLOWING_STEP = 0.05
 _RIDGE = 1e-2
 _MOST_INFLATION = 3.0
+# A step that gains less than this is as good as exact [nat]; a longer one is tried so often, with a
+# damping that rises from trial to trial and falls from step to step.
+_CERTAIN, _TRIALS = 2.0, 5
+_LEAST_DAMPING, _RISES, _FALLS = 1e-7, 30.0, 0.1
+LEAST_ENERGY = 1e-18
 # Standard deviations by which w has to differ from zero to count as known.
 _SHOWN = 8.0
 # Scales whose evidence is this much smaller do not count [nat].
@@ -219,12 +234,14 @@ class Window:
 
 @dataclass(frozen=True)
 class Scales:
-    """Indices in the grids `LIVELINESS`, `CHANGES` and `DRIFTS`."""
+    """Indices in the grids `LIVELINESS`, `CHANGES`, `DRIFTS`, `SIZES` and `LENGTHS`."""
 
     disturbance: int = 2
     gain: int = 0
     slowing: int = 0
     slope: int = 0
+    size: int = 0
+    length: int = 1
 
 
 @dataclass
@@ -261,6 +278,8 @@ class WindowFit:
         Logarithm of that of the samples at the last step's x, the disturbance integrated out.
     most_inflation : float
         Limit of `inflation` where samples are weighted by it.
+    damping : float
+        Of the next step of theta.
     """
 
     point: Point
@@ -277,6 +296,7 @@ class WindowFit:
     misfit: float = 1.0
     likelihood: float = -math.inf
     most_inflation: float = _MOST_INFLATION
+    damping: float = 0.0
 
     @property
     def weighting_variance(self) -> float:
@@ -290,37 +310,29 @@ class WindowFit:
     @property
     def shows_response(self) -> bool:
         """Whether the response differs significantly from zero."""
-        part = slice(PARAMETERS, PARAMETERS + len(self.point.linear))
+        part = slice(NONLINEAR, NONLINEAR + len(self.point.linear))
         uncertain = float(np.sum(np.diag(self.covariance)[part]))
         size = float(self.point.linear @ self.point.linear)
         return self.variance > 0.0 and uncertain > 0.0 and size > _SHOWN**2 * uncertain
 
-    def uncertainty(self, deviation: FloatArray, confidence: float) -> Uncertainty | None:
-        """Return the uncertainty of theta and w, None before the first fit.
-
-        No standard deviation exceeds that of the prior, `deviation` (4,), alpha as logarithms.
-        """
+    def uncertainty(self, confidence: float) -> Uncertainty | None:
+        """Return the uncertainty of theta and w, None before the first fit."""
         if self.variance <= 0.0 or not self.covariance.any():
             return None
         linear = self.point.linear
-        joint = PARAMETERS + len(linear)
+        joint = NONLINEAR + len(linear)
         covariance = self.covariance[:joint, :joint].copy()
-        rest = covariance[PARAMETERS:, PARAMETERS:]
+        rest = covariance[NONLINEAR:, NONLINEAR:]
         newest = float(self.point.gain[0]) if len(self.point.gain) else 0.0
         rest += (_BETWEEN_KNOTS * newest) ** 2 * np.outer(linear, linear)
         rest += _BASIS_ERROR**2 * float(linear @ linear) * np.eye(len(linear))
-        found = np.sqrt(np.maximum(np.diag(covariance)[:PARAMETERS], 1e-300))
-        scale = np.ones(joint)
-        scale[:PARAMETERS] = np.minimum(1.0, deviation / found)
-        return Uncertainty(
-            covariance * np.outer(scale, scale), self.point.theta.copy(), confidence
-        )
+        return Uncertainty(covariance, confidence)
 
 
 def fresh_fit(theta: FloatArray, functions: int) -> WindowFit:
     """Return a fit without data."""
     point = point_at(theta, np.zeros(functions), 0)
-    unknowns = PARAMETERS + functions + SLOPES
+    unknowns = NONLINEAR + functions + SLOPES
     return WindowFit(
         point=point,
         scales=Scales(),
@@ -330,7 +342,7 @@ def fresh_fit(theta: FloatArray, functions: int) -> WindowFit:
         first=0,
         covariance=np.zeros((unknowns, unknowns)),
         level_deviation=0.0,
-        moved=np.ones(PARAMETERS),
+        moved=np.ones(NONLINEAR),
         failures=0,
     )
 
@@ -397,27 +409,72 @@ class _Linearised:
 
 @dataclass(frozen=True)
 class _Solution:
-    """A step of x from a point at given scales, with its evidence."""
+    """A step of x from a point at given scales, with its evidence.
+
+    Attributes
+    ----------
+    step, right : ndarray (unknowns,)
+        Step, and minus half the gradient of the cost at the point.
+    hessian : ndarray (unknowns, unknowns)
+        Information.
+    evidence, left : float
+        Logarithm of the evidence, and cost after the step.
+    here : float
+        Cost at the point.
+    reduced : Reduced
+        Equations without the prior.
+    """
 
     step: FloatArray
+    right: FloatArray
     hessian: FloatArray
     evidence: float
     left: float
+    here: float
     reduced: Reduced
+
+    def with_cost(self, left: float) -> '_Solution':
+        """Return the same with the exact cost after the step."""
+        return replace(self, left=left, evidence=self.evidence - 0.5 * (left - self.left))
+
+    def damped(self, damping: float) -> FloatArray:
+        """Return the Levenberg-Marquardt step with theta damped."""
+        hessian = self.hessian.copy()
+        place = np.arange(NONLINEAR)
+        hessian[place, place] *= 1.0 + damping
+        return _solved(hessian, self.right)[0]
+
+    def projected(self) -> tuple[float, FloatArray]:
+        """Return the cost with theta as it is and all else at its best, and the step to it."""
+        step = np.zeros_like(self.step)
+        step[NONLINEAR:], gained, _ = _solved(
+            np.ascontiguousarray(self.hessian[NONLINEAR:, NONLINEAR:]),
+            self.right[NONLINEAR:],
+        )
+        return self.here - gained, step
+
+
+_DEVIATIONS = {
+    (size, length): deviation_variance(SIZES[size], LENGTHS[length])
+    for size in range(len(SIZES))
+    for length in range(len(LENGTHS))
+}
 
 
 def _solution(at: _Linearised, reduced: Reduced, scales: Scales) -> _Solution | None:
     """Solve for the step; None if the equations are not positive."""
     widths = np.array([CHANGES[scales.gain], CHANGES[scales.slowing], DRIFTS[scales.slope]])
+    variance = _DEVIATIONS[scales.size, scales.length]
     hessian, right = reduced.matrix.copy(), reduced.right.copy()
-    cost, logarithm = added(at.terms, widths, hessian, right)
     try:
+        cost, logarithm = added(at.terms, widths, variance, hessian, right)
         step, gained, determinant = _solved(hessian, right)
     except np.linalg.LinAlgError:
         return None
-    left = float(reduced.cost[0]) + cost - gained
+    here = float(reduced.cost[0]) + cost
+    left = here - gained
     evidence = -0.5 * (left + determinant - logarithm) + float(reduced.evidence[0])
-    return _Solution(step, hessian, evidence, left, reduced)
+    return _Solution(step, right, hessian, evidence, left, here, reduced)
 
 
 @numba.njit(cache=True)
@@ -467,7 +524,10 @@ def _best_scales(
         tried += [] if other is None else [other]
         if other is not None and (solution is None or other.evidence > solution.evidence):
             best, solution = trial, other
-    for name, grid in (('gain', CHANGES), ('slowing', CHANGES), ('slope', DRIFTS)):
+    grids = [('gain', CHANGES), ('slowing', CHANGES), ('slope', DRIFTS)]
+    if at.knowledge.any_shape:
+        grids += [('size', SIZES), ('length', LENGTHS)]
+    for name, grid in grids:
         for move in (-1, 1):
             place = getattr(best, name) + move
             if not 0 <= place < len(grid) or solution is None:
@@ -515,20 +575,11 @@ def gauss_newton_steps(
         except np.linalg.LinAlgError:
             fit.failures += 1
             # an older covariance would claim that these samples were understood
-            unknowns = PARAMETERS + len(fit.point.linear) + 2 * len(fit.point.gain) + SLOPES
-            fit.covariance = _UNKNOWN * np.eye(unknowns)
+            fit.covariance = _UNKNOWN * np.eye(unknowns_of(fit.point))
             return
-        _move(fit, at, solution, *_averaged(solution, tried))
-        fit.variance, fit.inflation = noise_of(
-            at.intervals,
-            at.point,
-            fit.point,
-            fit.levels,
-            at.now,
-            window.spacing,
-            len(solution.step),
-        )
-        settled = np.abs(fit.moved) < 0.05 * np.sqrt(np.diag(fit.covariance)[:PARAMETERS])
+        step, covariance = _averaged(solution, tried)
+        _move(fit, at, solution, step, covariance, problem, window)
+        settled = np.abs(fit.moved) < 0.05 * np.sqrt(np.diag(fit.covariance)[:NONLINEAR])
         if settled.all():
             break
 
@@ -545,7 +596,9 @@ def steps_at_fixed_scales(
         solution = _solution(at, reduced, fit.scales)
         if solution is None:
             return False
-        _move(fit, at, solution, solution.step, scaled_inverse(solution.hessian))
+        covariance = scaled_inverse(solution.hessian)
+        step = _limited(at, solution, solution.step)
+        _accept(fit, at, solution, step, covariance)
     return True
 
 
@@ -563,22 +616,82 @@ def _linearised(
     return _Linearised(intervals, point, knowledge, now, window.spacing, bends, window.start)
 
 
+def _limited(at: _Linearised, solution: _Solution, step: FloatArray) -> FloatArray:
+    """Return a step (unknowns,) within the bounds and the range of a nearly linear model."""
+    step = at.knowledge.bounded(at.point, step, solution.hessian)
+    joint, knots = NONLINEAR + len(at.point.linear), len(at.point.gain)
+    slowing = step[joint + knots : joint + 2 * knots] / _LARGEST_SLOWING_STEP
+    largest = np.abs(np.concatenate((step[:PARAMETERS] / _LARGEST_STEP, slowing)))
+    return step / max(1.0, float(largest.max()))
+
+
 def _move(
     fit: WindowFit,
     at: _Linearised,
     solution: _Solution,
     step: FloatArray,
     covariance: FloatArray,
+    problem: Problem,
+    window: Window,
 ) -> None:
-    """Take a step, limited to the range in which the model is nearly linear."""
-    step = at.knowledge.bounded(at.point, step, solution.hessian)
-    joint, knots = PARAMETERS + len(at.point.linear), len(at.point.gain)
-    slowing = step[joint + knots : joint + 2 * knots] / _LARGEST_SLOWING_STEP
-    largest = np.abs(np.concatenate((step[:PARAMETERS] / _LARGEST_STEP, slowing)))
-    step = step / max(1.0, float(largest.max()))
+    """Take a step, damped until the cost with all but theta at its best does not rise.
+
+    Arctangents, deviation and response can stand in for each other: where little is known, the
+    step of the linearised equations leads far beyond the least cost.
+    """
+    step = _limited(at, solution, step)
+    if solution.here - solution.left < _CERTAIN:
+        _accept(fit, at, solution, step, covariance)
+        _refresh_noise(fit, at, at.point, window)
+        return
+    if fit.damping > _LEAST_DAMPING:
+        step = _limited(at, solution, solution.damped(fit.damping))
+    least, rest = solution.projected()
+    for _ in range(_TRIALS):
+        trial = replace(fit, point=moved(at.point, step))
+        at.knowledge.part(trial.point.theta)
+        there = _linearised(problem, trial, at.knowledge, window)
+        reduced = there.reduced(fit.weighting_variance, fit.scales.disturbance)
+        other = _solution(there, reduced, fit.scales)
+        if other is not None:
+            cost, rest_there = other.projected()
+            if cost <= least + _CERTAIN:
+                _accept(fit, at, solution.with_cost(cost), step, covariance)
+                fit.point = moved(trial.point, rest_there)
+                fit.levels = disturbance_at(reduced, rest_there)
+                _refresh_noise(fit, there, trial.point, window)
+                fit.damping *= _FALLS
+                return
+        fit.damping = min(max(fit.damping * _RISES, _LEAST_DAMPING), 1.0)
+        step = _limited(at, solution, solution.damped(fit.damping))
+    _accept(fit, at, solution.with_cost(least), rest, covariance)
+    _refresh_noise(fit, at, at.point, window)
+
+
+def _refresh_noise(fit: WindowFit, at: _Linearised, before: Point, window: Window) -> None:
+    """Estimate the variance of the residuals anew."""
+    fit.variance, fit.inflation = noise_of(
+        at.intervals,
+        before,
+        fit.point,
+        fit.levels,
+        at.now,
+        window.spacing,
+        unknowns_of(before),
+    )
+
+
+def _accept(
+    fit: WindowFit,
+    at: _Linearised,
+    solution: _Solution,
+    step: FloatArray,
+    covariance: FloatArray,
+) -> None:
+    """Go where a step leads."""
     fit.point = moved(at.point, step)
     at.knowledge.part(fit.point.theta)
-    fit.moved = step[:PARAMETERS]
+    fit.moved = step[:NONLINEAR]
     fit.levels = disturbance_at(solution.reduced, step)
     fit.first = int(at.intervals.first[0])
     fit.covariance = covariance * max(1.0, fit.inflation / _MOST_INFLATION)
@@ -607,11 +720,10 @@ def _second_differences(fit: WindowFit, first: int, knots: int) -> FloatArray:
 def moved(point: Point, step: FloatArray) -> Point:
     """Return the point after a step of x (unknowns,)."""
     functions, knots = len(point.linear), len(point.gain)
-    ends = np.cumsum([PARAMETERS, functions, knots, knots])
+    ends = np.cumsum([NONLINEAR, functions, knots, knots])
     theta, linear, gain, slowing, slope = np.split(step, ends)
-    changed = coordinates(point.theta) + theta
     return Point(
-        theta=np.concatenate((changed[:2], np.exp(changed[2:]))),
+        theta=from_coordinates(coordinates(point.theta) + theta),
         linear=point.linear + linear,
         gain=point.gain + gain,
         slowing=point.slowing + slowing,

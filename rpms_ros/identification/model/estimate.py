@@ -9,6 +9,11 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from rpms_ros.muscle.recruitment import (
+    PARAMETER_NAMES,
+    RecruitmentParameters,
+    identified_recruitment,
+)
 from rpms_ros.pulses import BoolArray, FloatArray, IntArray
 
 NOT_INFORMED = 0
@@ -128,6 +133,18 @@ class Estimate:
     disturbance_deviation: float = 0.0
     reasons: tuple[str, ...] = ()
     unit: str = 'N'
+
+    def relative_recruitment(self, intensity: FloatArray) -> FloatArray:
+        """Return rho(u) / rho(1) of intensities (n,), NaN where the estimate cannot tell."""
+        if self.curve_known and self.curve_force[-1]:
+            share = np.interp(intensity, self.curve_intensity, self.curve_force)
+            return share / float(self.curve_force[-1])
+        if self.nonlinear_names != PARAMETER_NAMES:
+            return np.full(len(intensity), np.nan)
+        parameters = RecruitmentParameters(*self.nonlinear.tolist())
+        full = float(identified_recruitment(parameters, 1.0))
+        share = identified_recruitment(parameters, intensity)
+        return share / full if full else np.full(len(intensity), np.nan)
 
     @property
     def curve_known(self) -> bool:

@@ -24,10 +24,7 @@ from rpms_ros.identification.estimation.uncertainty import LEAST_GAIN
 from rpms_ros.identification.model.estimate import NOT_INFORMED, Estimate
 from rpms_ros.identification.model.physiology import PRIOR
 from rpms_ros.muscle.recruitment import (
-    PARAMETER_NAMES,
     RateRecruitment,
-    RecruitmentParameters,
-    identified_recruitment,
 )
 from rpms_ros.pulses import (
     NANOSECONDS_PER_SECOND,
@@ -234,16 +231,8 @@ def _weights(estimate: Estimate, intensity: FloatArray) -> FloatArray:
     known = np.isfinite(intensity)
     middle = float(np.median(intensity[known])) if known.any() else 1.0
     applied = np.where(known, intensity, middle)
-    if estimate.nonlinear_names == PARAMETER_NAMES:
-        parameters = RecruitmentParameters(*estimate.nonlinear.tolist())
-        full = float(identified_recruitment(parameters, 1.0))
-        share = np.asarray(identified_recruitment(parameters, applied), dtype=np.float64)
-    elif estimate.curve_known:
-        full = float(estimate.curve_force[-1])
-        share = np.interp(applied, estimate.curve_intensity, estimate.curve_force)
-    else:
-        return np.ones(len(applied))
-    return share / full if full != 0.0 else np.zeros(len(applied))
+    share = estimate.relative_recruitment(applied)
+    return share if np.isfinite(share).all() else np.ones(len(applied))
 
 
 # A twitch whose peak is further from that of the response does not describe the response.

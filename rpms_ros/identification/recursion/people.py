@@ -32,12 +32,20 @@ from rpms_ros.identification.estimation.blocks import (
     PulseDelayLine,
     newest,
 )
-from rpms_ros.identification.estimation.gauss_newton import LEAST_ENERGY, Fit, accept, empty_fit
 from rpms_ros.identification.estimation.settings import ProjectionSettings
-from rpms_ros.identification.estimation.uncertainty import Counters, EstimateBuilder, ResidualSums
+from rpms_ros.identification.estimation.uncertainty import Counters, EstimateBuilder
 from rpms_ros.identification.model.estimate import DEFAULT_RATE, Estimate, recruiting_range
 from rpms_ros.identification.model.levenberg_marquardt import Ending
+from rpms_ros.identification.model.recruitment import PARAMETERS
 from rpms_ros.identification.quality.doubts import FACTORISATION_FAILED, PlausibilityCheck
+from rpms_ros.identification.recursion.fit import (
+    LEAST_ENERGY,
+    Fit,
+    ResidualSums,
+    accept,
+    empty_fit,
+    uncertainty,
+)
 from rpms_ros.identification.recursion.people_kernel import (
     BLOCKS,
     KNOTS,
@@ -75,8 +83,7 @@ class FixedSizeSettings:
     Attributes
     ----------
     model : ProjectionSettings
-        Basis, start, prior, bounds, `by_rate` and level of the intervals; its
-        `knot_spacing` is not used.
+        Basis, start, prior, bounds, `by_rate` and level of the intervals.
     memory_time : float
         Time constant with which samples are forgotten, in time during which pulses act [s].
     memory_after_change : float
@@ -354,7 +361,7 @@ class FixedSizeRecursion(RestorableWithSettings):
         self._fit = empty_fit(start, model.basis.functions, 1)
         # scratch: a trial step, and a fit from another start
         self._workspace = [empty_fit(start, model.basis.functions, 1) for _ in range(2)]
-        self._starts = model.starts()
+        self._starts = [start[:PARAMETERS] for start in model.starts()]
         self._steps = 0
         self._test = ChangeTest()
         self._spread = ResidualSpread()
@@ -458,9 +465,10 @@ class FixedSizeRecursion(RestorableWithSettings):
         )
         if fit.failures[0]:
             faults = {**faults, FACTORISATION_FAILED: int(fit.failures[0])}
-        estimate = self._builder.make(
-            stamp_ns, fit, self._prior, self._spread.sums, counters, dict(faults)
-        )
+        model, prior = self.settings.model, self._prior
+        sums, area = self._spread.sums, model.basis.area
+        found, sure = uncertainty(fit, prior, sums, area, model.confidence)
+        estimate = self._builder.make(stamp_ns, found, sure, prior.deviation, counters, faults)
         estimate = replace(self._plausibility.examine(estimate), changes=self._test.changes)
         changed_ns = self._test.changed_ns
         if changed_ns is None:

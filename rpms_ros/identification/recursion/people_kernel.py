@@ -46,17 +46,9 @@ from rpms_ros.identification.estimation.blocks import (
     newest,
     open_block,
 )
-from rpms_ros.identification.estimation.estimator import count_energy
-from rpms_ros.identification.estimation.gauss_newton import (
-    LEAST_ENERGY,
-    Fit,
-    accept,
-    coordinate,
-    move_theta,
-    room,
-)
+from rpms_ros.identification.estimation.intake import count_energy
 from rpms_ros.identification.estimation.normal_equations import advance_state, correlate
-from rpms_ros.identification.estimation.settings import PARAMETERS, Prior
+from rpms_ros.identification.estimation.settings import Prior
 from rpms_ros.identification.model.basis import transition_generator
 from rpms_ros.identification.model.levenberg_marquardt import (
     dot,
@@ -64,6 +56,15 @@ from rpms_ros.identification.model.levenberg_marquardt import (
     minimiser,
     solve_factorised,
     solve_positive,
+)
+from rpms_ros.identification.model.recruitment import PARAMETERS
+from rpms_ros.identification.recursion.fit import (
+    LEAST_ENERGY,
+    Fit,
+    accept,
+    coordinate,
+    move_theta,
+    room,
 )
 from rpms_ros.muscle.recruitment import arctan_recruitment_with_gradient
 from rpms_ros.pulses import BoolArray, FloatArray, IntArray

@@ -1,0 +1,285 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+r"""What the recursion for people has fitted, and how far it may be wrong.
+
+**Misfit.** A response that lacks an area ``a_k`` in the time between ``k`` and ``k + 1``
+blocks after its pulse leaves residuals whose sum over block b is ``sum_k a_k rho_(b-k) / dt``.
+With intensities that differ from pulse to pulse the mean square of these sums is that of
+``rho`` times ``sum_k a_k^2``, beyond what white residuals have. The signs are not known: taken
+as random, the error of the area, to which the recruitment curve is proportional, is the root
+of ``sum_k a_k^2``. The fit has taken up a part of what is missing, so it is multiplied by
+`_SHOWN`.
+
+Drift, voluntary effort and a changed muscle leave such sums too, and are an error of the curve
+too.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+from numba.extending import register_jitable
+
+from rpms_ros.identification.estimation.settings import Prior
+from rpms_ros.identification.estimation.uncertainty import (
+    Muscle,
+    Uncertainty,
+    condition_number,
+)
+from rpms_ros.identification.model.physiology import MISFIT
+from rpms_ros.identification.model.recruitment import PARAMETERS
+from rpms_ros.pulses import FloatArray
+
+_ROUNDING = 1e-12
+# Error of theta, alpha as logarithms, where the area of the response is wrong by all of it.
+_TAKEN_UP: FloatArray = np.array([0.1, 0.1, 1.0, 1.0])
+LEAST_ENERGY = 1e-18
+
+
+class Fit(NamedTuple):
+    """Parameters of a fit, and its equations at these parameters.
+
+    Attributes
+    ----------
+    theta : ndarray (4,)
+        u_thr, u_sat, alpha_sat, alpha_thr.
+    linear : ndarray (functions,)
+        w.
+    levels : ndarray (knots,)
+        b [N].
+    matrix, right : ndarray (unknowns, unknowns), (unknowns,)
+        Sums from the blocks, lower triangle.
+    complete : ndarray (unknowns, unknowns)
+        The newest matrix with the rows of theta.
+    cost, squares : ndarray (1,)
+        Cost including the prior, and sum of squared residuals alone [N^2].
+    samples, energy : ndarray (1,)
+        Number of samples in the blocks, and sum of the squared force [N^2].
+    variance : ndarray (1,)
+        Variance of the residuals, the weight of the prior [N^2].
+    damping, moved : ndarray (1,)
+        Of the next step, and largest change of the last one.
+    failures : ndarray (1,)
+        How many matrices could not be factorised.
+    """
+
+    theta: FloatArray
+    linear: FloatArray
+    levels: FloatArray
+    matrix: FloatArray
+    right: FloatArray
+    complete: FloatArray
+    cost: FloatArray
+    squares: FloatArray
+    samples: FloatArray
+    energy: FloatArray
+    variance: FloatArray
+    damping: FloatArray
+    moved: FloatArray
+    failures: FloatArray
+
+
+def empty_fit(theta: FloatArray, functions: int, knots: int) -> Fit:
+    """Return a fit without data."""
+    unknowns = PARAMETERS + functions + knots
+    return Fit(
+        theta=theta.copy(),
+        linear=np.zeros(functions),
+        levels=np.zeros(knots),
+        matrix=np.zeros((unknowns, unknowns)),
+        right=np.zeros(unknowns),
+        complete=np.zeros((unknowns, unknowns)),
+        cost=np.zeros(1),
+        squares=np.zeros(1),
+        samples=np.zeros(1),
+        energy=np.zeros(1),
+        variance=np.zeros(1),
+        damping=np.full(1, 1e-3),
+        moved=np.zeros(1),
+        failures=np.zeros(1),
+    )
+
+
+@numba.njit(cache=True)
+def coordinate(theta: FloatArray, place: int) -> float:
+    """Return a parameter in the coordinate of the steps: alpha as its logarithm."""
+    if place >= 2:
+        return math.log(theta[place])
+    value: float = theta[place]
+    return value
+
+
+@numba.njit(cache=True)
+def weak_ridge(fit: Fit) -> float:
+    """Return a ridge that keeps w and b solvable, too weak to change estimates noticeably."""
+    power = fit.energy[0] / max(fit.samples[0], 1.0) + LEAST_ENERGY
+    # The variance exceeds the power only if it is from before a gap.
+    value: float = 1e-2 * fit.variance[0] / max(power, fit.variance[0])
+    return value
+
+
+@numba.njit(cache=True)
+def room_for_steps(theta: FloatArray, prior: Prior, low: FloatArray, high: FloatArray) -> None:
+    """Write the least and greatest steps of the coordinates (4,) within the bounds."""
+    for place in range(PARAMETERS):
+        here = coordinate(theta, place)
+        low[place] = coordinate(prior.lower, place) - here
+        high[place] = coordinate(prior.upper, place) - here
+
+
+@numba.njit(cache=True)
+def move_theta(theta: FloatArray, prior: Prior, step: FloatArray, moved: FloatArray) -> float:
+    """Write theta (4,) after a step (4,); u_thr and u_sat keep their least distance.
+
+    `step` becomes what was gone.  Returns its largest component.
+    """
+    for place in range(PARAMETERS):
+        value = coordinate(theta, place) + step[place]
+        value = math.exp(value) if place >= 2 else value
+        moved[place] = min(max(value, prior.lower[place]), prior.upper[place])
+    lacking = prior.separation - (moved[1] - moved[0])
+    if lacking > 0.0:
+        moved[0] = max(moved[0] - 0.5 * lacking, prior.lower[0])
+        moved[1] = moved[0] + prior.separation
+    largest = 0.0
+    for place in range(PARAMETERS):
+        step[place] = coordinate(moved, place) - coordinate(theta, place)
+        largest = max(largest, abs(step[place]))
+    return largest
+
+
+@register_jitable
+def accept(fit: Fit, trial: Fit) -> None:
+    """Copy parameters, equations, cost and variance of a trial; damping and counters stay."""
+    fit.theta[:] = trial.theta
+    fit.linear[:] = trial.linear
+    fit.levels[:] = trial.levels
+    fit.matrix[:] = trial.matrix
+    fit.right[:] = trial.right
+    fit.cost[0] = trial.cost[0]
+    fit.squares[0] = trial.squares[0]
+    fit.samples[0] = trial.samples[0]
+    fit.energy[0] = trial.energy[0]
+    fit.variance[0] = trial.variance[0]
+
+
+def uncertainty(
+    fit: Fit, prior: Prior, sums: 'ResidualSums', area: FloatArray, confidence: float
+) -> tuple[Muscle, Uncertainty | None]:
+    """Return the muscle of a fit whose equations are complete, and its uncertainty.
+
+    Parameters
+    ----------
+    fit, prior : Fit, Prior
+        State of the recursion.
+    sums : ResidualSums
+        Of its residuals.
+    area : ndarray (functions,)
+        Integrals of the functions [s^1/2].
+    confidence : float
+        Level of the intervals.
+
+    Returns
+    -------
+    tuple of Muscle, Uncertainty or None
+        None while there is no sample.
+    """
+    joint = PARAMETERS + len(fit.linear)
+    lower = np.tril(fit.complete)
+    muscle = Muscle(
+        fit.theta.copy(),
+        fit.linear.copy(),
+        fit.levels.copy(),
+        moved=float(fit.moved[0]),
+        damping=float(fit.damping[0]),
+    )
+    if not fit.samples[0] > 0.0:
+        return muscle, None
+    matrix = lower + lower.T - np.diag(np.diag(lower))
+    variance = float(fit.variance[0])
+    theta = np.arange(PARAMETERS)
+    matrix[theta, theta] += variance / prior.deviation**2
+    linear = np.arange(PARAMETERS, len(matrix))
+    matrix[linear, linear] += weak_ridge(fit)
+    scale = np.sqrt(np.diag(matrix))
+    scaled = matrix / np.outer(scale, scale) + _ROUNDING * np.eye(len(matrix))
+    inverse = np.linalg.inv(scaled) / np.outer(scale, scale)
+    inflation = max(1.0, float(sums.spread.max(initial=0.0)) / variance)
+    inverse = 0.5 * (inverse + inverse.T) * variance
+    inverse[PARAMETERS:] *= np.sqrt(inflation)
+    inverse[:, PARAMETERS:] *= np.sqrt(inflation)
+    covariance = _inflate_parameters(inverse, prior, inflation)[:joint, :joint]
+    missing = sums.missing_area(variance)
+    if missing > 0.0:
+        # the recruitment takes up a part of what the response lacks
+        share = missing / max(abs(float(area @ fit.linear)), missing)
+        most = np.maximum(prior.deviation**2 - np.diag(covariance)[:PARAMETERS], 0.0)
+        covariance[theta, theta] += np.minimum((share * _TAKEN_UP) ** 2, most)
+    by_basis = MISFIT * float(np.linalg.norm(fit.linear) * np.linalg.norm(area))
+    muscle = replace(
+        muscle,
+        condition=condition_number(lower[PARAMETERS:joint, PARAMETERS:joint]),
+        area_error=math.hypot(by_basis / math.sqrt(len(fit.linear)), missing),
+    )
+    return muscle, Uncertainty(covariance, confidence)
+
+
+def _inflate_parameters(covariance: FloatArray, prior: Prior, factor: float) -> FloatArray:
+    """Inflate the covariance of theta, each deviation at most to that of the prior."""
+    deviation = np.sqrt(np.maximum(np.diag(covariance)[:PARAMETERS], 0.0))
+    most = np.maximum(prior.deviation / np.maximum(deviation, 1e-300), 1.0)
+    scale = np.ones(len(covariance))
+    scale[:PARAMETERS] = np.minimum(np.sqrt(factor), most)
+    result: FloatArray = covariance * np.outer(scale, scale)
+    return result
+
+
+# What is missing, as a multiple of what the residuals show of it: such that intervals hold in
+# bench/misfit.py, with T_a of 10 to 90 ms and latencies up to 24 ms.
+_SHOWN = 2.5
+# Standard deviations by which sums of white residuals vary; what is within them does not count.
+_CHANCE = 1.0
+
+
+@dataclass(frozen=True)
+class ResidualSums:
+    """Sums of residuals over cells of the time.
+
+    Attributes
+    ----------
+    spread : ndarray (lengths,)
+        Mean of (sum of residuals)^2 / samples in the cells of each length [N^2], the shortest
+        first.
+    cells : float
+        Number of the shortest cells.
+    samples, seconds : float
+        Number of the samples, and the time that they cover.
+    recruited : float
+        Sum of the squared recruitment of the pulses.
+    """
+
+    spread: FloatArray
+    cells: float
+    samples: float
+    seconds: float
+    recruited: float
+
+    def missing_area(self, variance: float) -> float:
+        """Return the standard deviation of the area of a response by its misfit [N s].
+
+        `variance` is that of the residuals [N^2].
+        """
+        if not (self.cells > 1.0 and self.samples > 0.0 and self.recruited > 0.0):
+            return 0.0
+        by_chance = variance * (1.0 + _CHANCE * math.sqrt(2.0 / self.cells))
+        beyond = max(float(self.spread[0]) - by_chance, 0.0)
+        area_squared = beyond * self.seconds**2 / (self.samples * self.recruited)
+        return _SHOWN * math.sqrt(area_squared)
+
+
+@register_jitable
+def room(problem: Any, fit: Fit, low: FloatArray, high: FloatArray) -> None:
+    """Write the least and greatest steps of theta, see `room_for_steps`."""
+    room_for_steps(fit.theta, problem.prior, low, high)
