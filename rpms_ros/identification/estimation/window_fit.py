@@ -173,8 +173,8 @@ _LARGEST_STEP: FloatArray = np.array([0.1, 0.1, 0.7, 0.5])
 _LARGEST_SLOWING_STEP = 0.05
 _RIDGE = 1e-2
 _MOST_INFLATION = 3.0
-# A step that gains less than this is as good as exact [nat]; a longer one is tried so often, with a
-# damping that rises from trial to trial and falls from step to step.
+# A step that gains less than this is as good as exact [nat]; a longer one is tried so often, with
+# a damping that rises from trial to trial and falls from step to step.
 _CERTAIN, _TRIALS = 2.0, 5
 _LEAST_DAMPING, _RISES, _FALLS = 1e-7, 30.0, 0.1
 LEAST_ENERGY = 1e-18

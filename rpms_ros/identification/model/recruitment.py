@@ -8,12 +8,12 @@ r"""Recruitment and summation of any shape: the paper's, and what the samples as
 
 The sum is a Gaussian process with a Matern covariance of order 5/2 in the reduced-rank form of
 Solin and Sarkka (2020): the c_k are independent, their variances are the spectral density of the
-covariance at the frequencies of the sines.  The force at intensity 0 is 0 whatever they are.  Where
-the arctangents hold, the size of the deviation that makes the samples likeliest is nil.
+covariance at the frequencies of the sines.  The force at intensity 0 is 0 whatever they are.
+Where the arctangents hold, the size of the deviation that makes the samples likeliest is nil.
 
-**Summation.**  A pulse counts as much as the power kappa of the weight that Eq. (10) gives to it by
-the interval before it: kappa is 1 if Eq. (10) holds and 0 for a muscle that adds its twitches.  One
-kappa is that of the intervals for which the weight is above 1, longer than those for which the
+**Summation.**  A pulse counts as much as the power kappa of the weight that Eq. (10) gives to it
+by the interval before it: kappa is 1 if Eq. (10) holds and 0 for a muscle that adds its twitches.
+One kappa is that of the intervals for which the weight is above 1, longer than those for which the
 curve is stated, the other that of the shorter ones.
 """
 
@@ -125,8 +125,8 @@ def recruitment_curve(intensity: FloatArray, theta: FloatArray) -> tuple[FloatAr
 def deviation_variance(size: float, length: float) -> FloatArray:
     """Return the prior variances of c (20,).
 
-    `size` is the standard deviation of the process, as a share of the recruitment at full intensity;
-    `length` its length in units of the intensity.
+    `size` is the standard deviation of the process, as a share of the recruitment at full
+    intensity; `length` its length in units of the intensity.
     """
     peak = 2.0 * math.sqrt(math.pi) * math.gamma(3.0) * 5.0**2.5 / math.gamma(2.5) / length**5
     variance: FloatArray = (5.0 / length**2 + _FREQUENCY**2) ** -3
