@@ -9,8 +9,8 @@ import pytest
 from numba.extending import register_jitable
 from scipy.optimize import least_squares
 
-from rpms_ros.identification.estimation import gauss_newton
 from rpms_ros.identification.model.levenberg_marquardt import Ending, bounded_step, minimiser
+from rpms_ros.identification.recursion import people_kernel
 
 TIME = np.linspace(0.0, 2.0, 41)
 ENDING = Ending(60, 1e-12, 1e-18)
@@ -144,5 +144,5 @@ def test_parameters_that_are_free_make_up_for_those_that_are_held():
 
 def test_what_is_compiled_for_a_model_is_kept_apart_from_other_models():
     """numba's index of a function is read as a whole, with the types of all who used it."""
-    names = {compiled.py_func.__qualname__ for compiled in (fit_decay, gauss_newton._minimise)}
-    assert names == {f'minimise.{linearise.__module__}', f'minimise.{gauss_newton.__name__}'}
+    names = {compiled.py_func.__qualname__ for compiled in (fit_decay, people_kernel.improve)}
+    assert names == {f'minimise.{linearise.__module__}', f'minimise.{people_kernel.__name__}'}

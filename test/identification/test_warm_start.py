@@ -16,12 +16,11 @@ from rpms_ros.identification import (
     estimator_by_name,
 )
 from rpms_ros.identification.estimation.prior import known_from, warm_start
+from rpms_ros.identification.model.recruitment import nearest_arctangents, recruitment_curve
 from rpms_ros.identification.stream.stream import save
 from rpms_ros.muscle import Contraction, IntensityRecruitment, Subject
 from rpms_ros.muscle.recruitment import (
     PARAMETER_NAMES,
-    RecruitmentParameters,
-    identified_recruitment,
 )
 from rpms_ros.pulses import ForceTrace, PulseTrain
 
@@ -70,12 +69,16 @@ def other_day():
 def test_a_result_does_as_well(saved, tmp_path) -> None:
     known, path = known_from(saved), tmp_path / 'result.json'
     time = np.arange(0.0, 0.4, 5e-3)
+    intensity = np.linspace(0.0, 1.0, 101)
+    rho, _ = recruitment_curve(intensity, known.theta)
     # the response of a result is that at full intensity
-    full = identified_recruitment(RecruitmentParameters(*known.theta), 1.0)
+    full = rho[-1]
     # in any order
-    names = zip(reversed(PARAMETER_NAMES), known.theta[::-1].tolist(), strict=True)
+    parameters, _ = nearest_arctangents(known.theta)
+    names = zip(reversed(PARAMETER_NAMES), parameters[::-1].tolist(), strict=True)
     document = {
         'recruitment': dict(names),
+        'curve': {'intensity': intensity.tolist(), 'force': (7.0 * rho).tolist()},
         'impulse_response': {
             'time_s': time.tolist(),
             'force': (full * known.basis.evaluate(time) @ known.linear).tolist(),
@@ -85,8 +88,10 @@ def test_a_result_does_as_well(saved, tmp_path) -> None:
     path.write_text(json.dumps(document))
     found = known_from(path)
     assert found.basis == known.basis
-    np.testing.assert_allclose(found.theta, known.theta)
-    np.testing.assert_allclose(found.linear, known.linear, rtol=1e-6)
+    shape, _ = recruitment_curve(intensity, found.theta)
+    np.testing.assert_allclose(shape / shape[-1], rho / full, atol=2e-3)
+    force = shape[-1] * found.linear
+    np.testing.assert_allclose(force, full * known.linear, atol=1e-3 * np.abs(force).max())
     warm, _ = errors(other_day(), 1.5, 2, path)
     # a step every five pulses, as in `test_tracking_starts_from_what_it_knew`
     assert warm[5] < 0.05
@@ -105,7 +110,7 @@ def test_what_was_saved_is_the_muscle_of_the_estimate(name, tmp_path) -> None:
     _, stream = errors(subject, 12.0, 1, estimator=(name,))
     save(tmp_path / name, stream)
     known, estimate = known_from(tmp_path / name), stream.estimate()
-    full = identified_recruitment(RecruitmentParameters(*known.theta), 1.0)
+    full = recruitment_curve(np.ones(1), known.theta)[0][0]
     response = full * known.basis.evaluate(estimate.response_time) @ known.linear
     np.testing.assert_allclose(response, estimate.response_force, atol=1e-6)
 

@@ -31,6 +31,7 @@ from rpms_ros.identification.estimation.window_fit import (
     gauss_newton_steps,
 )
 from rpms_ros.identification.model.basis import LaguerreBasis
+from rpms_ros.identification.model.recruitment import recruitment
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray
 from rpms_ros.saved_state import Restorable
 
@@ -206,6 +207,27 @@ class BasisChoice:
             best, time_constant=round(constant, _DIGITS), latency=round(latency, _DIGITS)
         )
         return middle if self._likelihood(middle) > self._likelihood(best) - _EQUAL else best
+
+    def spread(self, basis: LaguerreBasis) -> FloatArray:
+        """Return how w on a basis differs among the bases that are nearly as likely.
+
+        Returns
+        -------
+        ndarray (functions, functions)
+            Covariance, as a share of the squared length of w.
+        """
+        found = {one: self.explained(one, rough).fit for one, rough in self._found}
+        best = max(fit.likelihood for fit in found.values())
+        share, linear = [], []
+        for one, fit in found.items():
+            if fit.likelihood > best - 2.0 * _EQUAL:
+                share.append(math.exp(fit.likelihood - best))
+                full = recruitment(1.0, fit.point.theta)
+                linear.append(full * conversion(one, basis) @ fit.point.linear)
+        weight, values = np.array(share) / sum(share), np.array(linear)
+        mean = weight @ values
+        away = values - mean
+        return (weight * away.T) @ away / max(float(mean @ mean), 1e-300)
 
     def explained(self, basis: LaguerreBasis, rough: bool = False) -> BasisFit:
         """Return how well a basis explains the samples, with a tremor or without.

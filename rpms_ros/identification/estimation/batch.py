@@ -29,6 +29,7 @@ from rpms_ros.identification.estimation.estimator import ProjectionEstimator
 from rpms_ros.identification.estimation.settings import Problem, ProjectionSettings
 from rpms_ros.identification.estimation.window_equations import Point, condensed, no_change
 from rpms_ros.identification.estimation.window_fit import (
+    CONSTANT,
     INTERVAL_NS,
     Window,
     WindowFit,
@@ -57,7 +58,9 @@ _SEARCHED_AGAIN_NS = 10 * NANOSECONDS_PER_SECOND
 _CHOICE_STEPS = 10
 # Where the clock has jumped, recordings are put one after the other with this distance.
 _APART_NS = 60 * NANOSECONDS_PER_SECOND
-_NO_KNOTS = 2.0**40
+# The disturbance drifts slowly: a lively one takes up what functions that do not fit leave, and
+# with it a part of the curve.
+_DRIFT = 3
 
 
 class BatchEstimator(ProjectionEstimator):
@@ -188,7 +191,9 @@ class BatchEstimator(ProjectionEstimator):
         most_ns = _MOST_INTERVALS * INTERVAL_NS
         length_ns = INTERVAL_NS * (1 + (self._last_ns - first_ns) // most_ns)
         origin = no_change(self._basis.functions)
-        return Window(first_ns, self._last_ns, length_ns, _NO_KNOTS, 0, 0.0, origin)
+        return Window(
+            first_ns, self._last_ns, length_ns, CONSTANT, 0, 0.0, origin, liveliest=_DRIFT
+        )
 
     def _fit_basis(self, scouting: bool) -> None:
         """Fit all samples with the present basis."""
@@ -206,12 +211,16 @@ class BatchEstimator(ProjectionEstimator):
         functions = self._basis.functions
         trials = [fresh_fit(theta, functions) for theta in self.settings.starts()]
         if fit.covariance.any():
-            trials.append(replace(fit, levels=np.zeros(2), likelihood=-np.inf, variance=0.0))
+            trials.append(
+                replace(fit, levels=np.zeros(2), likelihood=-np.inf, variance=0.0, failures=0)
+            )
         for one in trials:
             one.most_inflation = 1.0
             gauss_newton_steps(problem, one, knowledge, window, _SCOUTING_STEPS)
         best = max(trials, key=lambda one: one.likelihood)
-        fit.point, fit.scales = best.point, best.scales
+        fit.failures += sum(one.failures for one in trials)
+        if np.isfinite(best.likelihood):
+            fit.point, fit.scales = best.point, best.scales
 
     def _choose_basis(self) -> bool:
         """Choose the basis that explains the recording best; return whether it has changed."""
@@ -219,32 +228,37 @@ class BatchEstimator(ProjectionEstimator):
         if strong_ns is None or strong_ns == self._compared_ns:
             return False
         first_ns = max(strong_ns - _CHOSEN_NS, self._raw.first_ns)
-        theta, nothing = self._window.point.theta, np.zeros(self._basis.functions)
-        problem, _, _ = self._raw.condensed(self._basis, theta, nothing, first_ns)
+        everywhere = self._searches < 1 + (strong_ns - first_ns > _SEARCHED_AGAIN_NS)
+        # a search everywhere is one anew: the basis of few samples has no right of its own
+        present = self.settings.basis if everywhere else self._basis
+        theta, nothing = self._window.point.theta, np.zeros(present.functions)
+        problem, _, _ = self._raw.condensed(present, theta, nothing, first_ns)
         samples = problem.blocks.moments[problem.first : int(problem.blocks.size[0]), COUNT].sum()
         if samples < _LEAST_SAMPLES:
             return False
         self._compared_ns = strong_ns
-        knowledge, origin = self._of_any_shape(self._prior), no_change(self._basis.functions)
-        window = Window(first_ns, self._last_ns, INTERVAL_NS, _NO_KNOTS, 0, 0.0, origin)
-        fit = replace(self._window, levels=np.zeros(2), first=0)
+        knowledge, origin = self._of_any_shape(self._prior), no_change(present.functions)
+        window = Window(first_ns, self._last_ns, INTERVAL_NS, CONSTANT, 0, 0.0, origin)
+        fit = fresh_fit(theta, present.functions)
+        if present == self._basis:
+            fit = replace(self._window, levels=np.zeros(2), first=0)
         gauss_newton_steps(problem, fit, knowledge, window, _CHOICE_STEPS)
         choice = BasisChoice(
             self._raw,
-            self._basis,
+            present,
             fit,
             knowledge,
             first_ns,
             self._last_ns,
             INTERVAL_NS,
-            _NO_KNOTS,
+            CONSTANT,
             0.0,
             origin,
             None,
         )
-        everywhere = self._searches < 1 + (strong_ns - first_ns > _SEARCHED_AGAIN_NS)
         self._searches += everywhere
         basis = choice.better(everywhere)
+        self._basis_spread = choice.spread(basis)
         if basis == self._basis:
             return False
         found = choice.explained(basis).fit

@@ -10,7 +10,13 @@ from typing import Any
 import numpy as np
 
 from rpms_ros.errors import IdentificationError
-from rpms_ros.identification.estimation.blocks import PulseDelayLine, empty_blocks
+from rpms_ros.identification.estimation.blocks import (
+    COUNT,
+    TIME,
+    PulseDelayLine,
+    empty_blocks,
+    ring_order,
+)
 from rpms_ros.identification.estimation.intake import (
     Intake,
     Predictor,
@@ -19,6 +25,7 @@ from rpms_ros.identification.estimation.intake import (
     fresh_intake,
     predict,
     recompute_state,
+    squared_recruitment,
 )
 from rpms_ros.identification.estimation.prior import Knowledge, knowledge_of
 from rpms_ros.identification.estimation.settings import (
@@ -31,6 +38,7 @@ from rpms_ros.identification.estimation.uncertainty import (
     Counters,
     EstimateBuilder,
     Muscle,
+    ResidualSums,
     condition_number,
 )
 from rpms_ros.identification.estimation.window_fit import INTERVAL_NS, WindowFit, fresh_fit
@@ -73,6 +81,7 @@ class ProjectionEstimator(RestorableWithSettings):
     _problem: Problem
     _predictor: Predictor
     _window: WindowFit
+    _basis_spread: FloatArray
     _intake: Intake
     _delay_line: PulseDelayLine
     _raw: RawSamples
@@ -102,6 +111,7 @@ class ProjectionEstimator(RestorableWithSettings):
         start = self.settings.starts()[0]
         self._predictor = Predictor(start, np.zeros(functions), np.zeros(2))
         self._window = fresh_fit(start, functions)
+        self._basis_spread = np.zeros((functions, functions))
         self._prior = knowledge_of(self.settings)
         self._intake = fresh_intake(functions)
         self._delay_line = PulseDelayLine(
@@ -186,8 +196,9 @@ class ProjectionEstimator(RestorableWithSettings):
             predictor.levels,
             moved=float(np.abs(fit.moved[:PARAMETERS]).max()),
             condition=condition_number(fit.covariance[own, own]),
+            area_error=self._residual_sums().missing_area(fit.variance),
         )
-        sure = fit.uncertainty(self.settings.confidence)
+        sure = fit.uncertainty(self.settings.confidence, self._basis_spread)
         deviation, counters = self._prior.deviation[:PARAMETERS], self._counters()
         # faults of monitors of other packages are counted under any name
         counted = FaultCounter(dict.fromkeys(faults, ''))
@@ -258,6 +269,21 @@ class ProjectionEstimator(RestorableWithSettings):
         origin = (fit.first + len(fit.levels) - 2) * length_ns
         self._problem = self._problem._replace(baseline=Baseline(origin, length_ns))
         recompute_state(self._problem, self._intake, self._predictor)
+
+    def _residual_sums(self) -> ResidualSums:
+        """Return the sums of the residuals in the intervals of the fit."""
+        blocks, fit = self._problem.blocks, self._window
+        moments = blocks.moments[ring_order(blocks)[self._problem.first :]]
+        moments = moments[moments[:, COUNT] > 0.0]
+        # the mean time since a block began is half of its length
+        seconds = 2.0 * float(np.sum(moments[:, TIME] / moments[:, COUNT]))
+        return ResidualSums(
+            np.array([fit.residual_spread]),
+            float(len(fit.levels) - 1),
+            float(moments[:, COUNT].sum()),
+            seconds,
+            squared_recruitment(self._problem, fit.point.theta),
+        )
 
     def _counters(self) -> Counters:
         """Return the properties of the data so far."""

@@ -14,6 +14,7 @@ import numba
 import numpy as np
 
 from rpms_ros.identification.estimation.blocks import (
+    COUNT,
     LONGEST_BLOCK_NS,
     BlockStatistics,
     add_sample,
@@ -134,6 +135,17 @@ def recompute_state(problem: Problem, intake: Intake, muscle: Predictor) -> None
             rho = counted(blocks.intensity[here], blocks.weight[here], muscle.theta)
             intake.state[:] += input_gain * rho
     correlate(muscle.linear, intake.state, intake.response)
+
+
+@numba.njit(cache=True)
+def squared_recruitment(problem: Problem, theta: FloatArray) -> float:
+    """Return the sum of the squared recruitment of the pulses that are fitted."""
+    total, blocks = 0.0, problem.blocks
+    for index in range(problem.first, blocks.size[0]):
+        here = (blocks.head[0] + index) % len(blocks.start_ns)
+        if blocks.intensity[here] != 0.0 and blocks.moments[here, COUNT] > 0.0:
+            total += counted(blocks.intensity[here], blocks.weight[here], theta) ** 2
+    return total
 
 
 @numba.njit(cache=True)

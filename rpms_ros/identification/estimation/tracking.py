@@ -720,6 +720,7 @@ class TrackingEstimator(ProjectionEstimator):
         choice = self._choice()
         fit = self._window
         found = choice.better(search is Search.EVERYWHERE)
+        self._basis_spread = choice.spread(found)
         explained = choice.explained(found)
         quieter = explained.fit.scales.disturbance < LIVELY <= fit.scales.disturbance
         freed = explained.fit.inflation < _ALIKE < fit.inflation

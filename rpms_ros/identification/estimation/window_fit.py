@@ -48,6 +48,8 @@ from rpms_ros.identification.model.recruitment import (
 )
 from rpms_ros.pulses import FloatArray
 
+CONSTANT = 2.0**40
+"""Distance of the knots of a muscle that does not change, in intervals."""
 INTERVAL_NS = 125_000_000
 """Length of an interval of the disturbance [ns]."""
 # The model's error is at least this share of the force's mean square, for so many samples.
@@ -102,8 +104,8 @@ def noise_of(
     now: float,
     spacing: float,
     unknowns: int,
-) -> tuple[float, float]:
-    """Return the variance of the residuals [N^2], and a factor for those that are alike.
+) -> tuple[float, float, float]:
+    """Return the variance of the residuals [N^2], and how much they are alike.
 
     Parameters
     ----------
@@ -124,7 +126,7 @@ def noise_of(
     -------
     tuple
         Variance; factor of at least 1 by which neighbouring residuals tell less than independent
-        ones.
+        ones; mean of (sum of residuals)^2 / samples in the intervals [N^2].
     """
     local = NONLINEAR + len(before.linear)
     count = len(intervals.samples)
@@ -140,6 +142,8 @@ def noise_of(
     floor = _MODEL_ERROR_SAMPLES * _MODEL_ERROR * power
     variance = (total + floor) / freedom + LEAST_ENERGY
     some = intervals.samples > 0.0
+    sums = scores[some, local:].sum(axis=1)
+    spread = float(np.mean(sums**2 / intervals.samples[some]))
     scores = (gain[:, None] * scores)[some, :local]
     scatter = scores.T @ scores
     for lag in (1, 2, 3):
@@ -149,7 +153,7 @@ def noise_of(
     scale = 1.0 / np.sqrt(np.maximum(np.diag(steady), 1e-300))
     scaled = steady * np.outer(scale, scale) + 1e-6 * np.eye(local)
     ratio = np.trace(np.linalg.solve(scaled, scatter * np.outer(scale, scale)))
-    return variance, max(1.0, float(ratio) / (local * variance))
+    return variance, max(1.0, float(ratio) / (local * variance)), spread
 
 
 # Standard deviation of the disturbance's second difference over an interval, as a share of the
@@ -220,6 +224,8 @@ class Window:
         The change of the muscle at which the window begins, if there was one.
     start : StartLevels or None
         Prior of the disturbance at the beginning.
+    liveliest : int
+        Last index in `LIVELINESS` that the disturbance may have.
     """
 
     first_ns: int
@@ -230,6 +236,7 @@ class Window:
     lag: float
     origin: Origin
     start: StartLevels | None = None
+    liveliest: int = len(LIVELINESS) - 1
 
 
 @dataclass(frozen=True)
@@ -280,6 +287,8 @@ class WindowFit:
         Limit of `inflation` where samples are weighted by it.
     damping : float
         Of the next step of theta.
+    residual_spread : float
+        Mean of (sum of residuals)^2 / samples in the intervals [N^2].
     """
 
     point: Point
@@ -297,6 +306,7 @@ class WindowFit:
     likelihood: float = -math.inf
     most_inflation: float = _MOST_INFLATION
     damping: float = 0.0
+    residual_spread: float = 0.0
 
     @property
     def weighting_variance(self) -> float:
@@ -315,8 +325,11 @@ class WindowFit:
         size = float(self.point.linear @ self.point.linear)
         return self.variance > 0.0 and uncertain > 0.0 and size > _SHOWN**2 * uncertain
 
-    def uncertainty(self, confidence: float) -> Uncertainty | None:
-        """Return the uncertainty of theta and w, None before the first fit."""
+    def uncertainty(self, confidence: float, spread: FloatArray) -> Uncertainty | None:
+        """Return the uncertainty of theta and w, None before the first fit.
+
+        `spread` (functions, functions) is that of w among likely bases, relative to its length.
+        """
         if self.variance <= 0.0 or not self.covariance.any():
             return None
         linear = self.point.linear
@@ -325,7 +338,7 @@ class WindowFit:
         rest = covariance[NONLINEAR:, NONLINEAR:]
         newest = float(self.point.gain[0]) if len(self.point.gain) else 0.0
         rest += (_BETWEEN_KNOTS * newest) ** 2 * np.outer(linear, linear)
-        rest += _BASIS_ERROR**2 * float(linear @ linear) * np.eye(len(linear))
+        rest += float(linear @ linear) * (_BASIS_ERROR**2 * np.eye(len(linear)) + spread)
         return Uncertainty(covariance, confidence)
 
 
@@ -505,29 +518,33 @@ def _solved(hessian: FloatArray, right: FloatArray) -> tuple[FloatArray, float, 
     return scale * step, gained, determinant
 
 
+def _grids(window: Window, knowledge: Knowledge) -> list[tuple[str, FloatArray]]:
+    """Return names and grids of the scales that samples may choose, but for the disturbance's."""
+    changes = [('gain', CHANGES), ('slowing', CHANGES), ('slope', DRIFTS)]
+    shape = [('size', SIZES), ('length', LENGTHS)]
+    return (changes if window.spacing < CONSTANT else []) + (shape if knowledge.any_shape else [])
+
+
 def _best_scales(
-    at: _Linearised, variance: float, scales: Scales
+    at: _Linearised, variance: float, scales: Scales, window: Window
 ) -> tuple[Scales, _Solution, list[_Solution]]:
     """Return the scales with the largest evidence among the neighbours of the present ones.
 
     With the solution, and all solutions tried.
     """
-    best = scales
+    scales = best = replace(scales, disturbance=min(scales.disturbance, window.liveliest))
     reduced = at.reduced(variance, scales.disturbance)
     solution = _solution(at, reduced, scales)
     tried = [] if solution is None else [solution]
     for disturbance in (scales.disturbance - 1, scales.disturbance + 1):
-        if not 0 <= disturbance < len(LIVELINESS):
+        if not 0 <= disturbance <= window.liveliest:
             continue
         trial = replace(scales, disturbance=disturbance)
         other = _solution(at, at.reduced(variance, disturbance), trial)
         tried += [] if other is None else [other]
         if other is not None and (solution is None or other.evidence > solution.evidence):
             best, solution = trial, other
-    grids = [('gain', CHANGES), ('slowing', CHANGES), ('slope', DRIFTS)]
-    if at.knowledge.any_shape:
-        grids += [('size', SIZES), ('length', LENGTHS)]
-    for name, grid in grids:
+    for name, grid in _grids(window, at.knowledge):
         for move in (-1, 1):
             place = getattr(best, name) + move
             if not 0 <= place < len(grid) or solution is None:
@@ -571,7 +588,9 @@ def gauss_newton_steps(
         if fit.variance == 0.0:
             fit.variance = at.power * 0.01 + LEAST_ENERGY
         try:
-            fit.scales, solution, tried = _best_scales(at, fit.weighting_variance, fit.scales)
+            fit.scales, solution, tried = _best_scales(
+                at, fit.weighting_variance, fit.scales, window
+            )
         except np.linalg.LinAlgError:
             fit.failures += 1
             # an older covariance would claim that these samples were understood
@@ -670,7 +689,7 @@ def _move(
 
 def _refresh_noise(fit: WindowFit, at: _Linearised, before: Point, window: Window) -> None:
     """Estimate the variance of the residuals anew."""
-    fit.variance, fit.inflation = noise_of(
+    fit.variance, fit.inflation, fit.residual_spread = noise_of(
         at.intervals,
         before,
         fit.point,

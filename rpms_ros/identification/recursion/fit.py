@@ -1,21 +1,9 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-r"""What the recursion for people has fitted, and how far it may be wrong.
-
-**Misfit.** A response that lacks an area ``a_k`` in the time between ``k`` and ``k + 1``
-blocks after its pulse leaves residuals whose sum over block b is ``sum_k a_k rho_(b-k) / dt``.
-With intensities that differ from pulse to pulse the mean square of these sums is that of
-``rho`` times ``sum_k a_k^2``, beyond what white residuals have. The signs are not known: taken
-as random, the error of the area, to which the recruitment curve is proportional, is the root
-of ``sum_k a_k^2``. The fit has taken up a part of what is missing, so it is multiplied by
-`_SHOWN`.
-
-Drift, voluntary effort and a changed muscle leave such sums too, and are an error of the curve
-too.
-"""
+"""What the recursion for people has fitted, and how far it may be wrong."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numba
@@ -25,6 +13,7 @@ from numba.extending import register_jitable
 from rpms_ros.identification.estimation.settings import Prior
 from rpms_ros.identification.estimation.uncertainty import (
     Muscle,
+    ResidualSums,
     Uncertainty,
     condition_number,
 )
@@ -33,8 +22,6 @@ from rpms_ros.identification.model.recruitment import PARAMETERS
 from rpms_ros.pulses import FloatArray
 
 _ROUNDING = 1e-12
-# Error of theta, alpha as logarithms, where the area of the response is wrong by all of it.
-_TAKEN_UP: FloatArray = np.array([0.1, 0.1, 1.0, 1.0])
 LEAST_ENERGY = 1e-18
 
 
@@ -166,7 +153,7 @@ def accept(fit: Fit, trial: Fit) -> None:
 
 
 def uncertainty(
-    fit: Fit, prior: Prior, sums: 'ResidualSums', area: FloatArray, confidence: float
+    fit: Fit, prior: Prior, sums: ResidualSums, area: FloatArray, confidence: float
 ) -> tuple[Muscle, Uncertainty | None]:
     """Return the muscle of a fit whose equations are complete, and its uncertainty.
 
@@ -211,17 +198,11 @@ def uncertainty(
     inverse[PARAMETERS:] *= np.sqrt(inflation)
     inverse[:, PARAMETERS:] *= np.sqrt(inflation)
     covariance = _inflate_parameters(inverse, prior, inflation)[:joint, :joint]
-    missing = sums.missing_area(variance)
-    if missing > 0.0:
-        # the recruitment takes up a part of what the response lacks
-        share = missing / max(abs(float(area @ fit.linear)), missing)
-        most = np.maximum(prior.deviation**2 - np.diag(covariance)[:PARAMETERS], 0.0)
-        covariance[theta, theta] += np.minimum((share * _TAKEN_UP) ** 2, most)
     by_basis = MISFIT * float(np.linalg.norm(fit.linear) * np.linalg.norm(area))
     muscle = replace(
         muscle,
         condition=condition_number(lower[PARAMETERS:joint, PARAMETERS:joint]),
-        area_error=math.hypot(by_basis / math.sqrt(len(fit.linear)), missing),
+        area_error=math.hypot(by_basis / math.sqrt(len(fit.linear)), sums.missing_area(variance)),
     )
     return muscle, Uncertainty(covariance, confidence)
 
@@ -234,49 +215,6 @@ def _inflate_parameters(covariance: FloatArray, prior: Prior, factor: float) -> 
     scale[:PARAMETERS] = np.minimum(np.sqrt(factor), most)
     result: FloatArray = covariance * np.outer(scale, scale)
     return result
-
-
-# What is missing, as a multiple of what the residuals show of it: such that intervals hold in
-# bench/misfit.py, with T_a of 10 to 90 ms and latencies up to 24 ms.
-_SHOWN = 2.5
-# Standard deviations by which sums of white residuals vary; what is within them does not count.
-_CHANCE = 1.0
-
-
-@dataclass(frozen=True)
-class ResidualSums:
-    """Sums of residuals over cells of the time.
-
-    Attributes
-    ----------
-    spread : ndarray (lengths,)
-        Mean of (sum of residuals)^2 / samples in the cells of each length [N^2], the shortest
-        first.
-    cells : float
-        Number of the shortest cells.
-    samples, seconds : float
-        Number of the samples, and the time that they cover.
-    recruited : float
-        Sum of the squared recruitment of the pulses.
-    """
-
-    spread: FloatArray
-    cells: float
-    samples: float
-    seconds: float
-    recruited: float
-
-    def missing_area(self, variance: float) -> float:
-        """Return the standard deviation of the area of a response by its misfit [N s].
-
-        `variance` is that of the residuals [N^2].
-        """
-        if not (self.cells > 1.0 and self.samples > 0.0 and self.recruited > 0.0):
-            return 0.0
-        by_chance = variance * (1.0 + _CHANCE * math.sqrt(2.0 / self.cells))
-        beyond = max(float(self.spread[0]) - by_chance, 0.0)
-        area_squared = beyond * self.seconds**2 / (self.samples * self.recruited)
-        return _SHOWN * math.sqrt(area_squared)
 
 
 @register_jitable

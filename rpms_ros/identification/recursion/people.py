@@ -33,7 +33,7 @@ from rpms_ros.identification.estimation.blocks import (
     newest,
 )
 from rpms_ros.identification.estimation.settings import ProjectionSettings
-from rpms_ros.identification.estimation.uncertainty import Counters, EstimateBuilder
+from rpms_ros.identification.estimation.uncertainty import Counters, EstimateBuilder, ResidualSums
 from rpms_ros.identification.model.estimate import DEFAULT_RATE, Estimate, recruiting_range
 from rpms_ros.identification.model.levenberg_marquardt import Ending
 from rpms_ros.identification.model.recruitment import PARAMETERS
@@ -41,7 +41,6 @@ from rpms_ros.identification.quality.doubts import FACTORISATION_FAILED, Plausib
 from rpms_ros.identification.recursion.fit import (
     LEAST_ENERGY,
     Fit,
-    ResidualSums,
     accept,
     empty_fit,
     uncertainty,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rpms_ros.identification import estimator_by_name
-from rpms_ros.identification.estimation.uncertainty import ResidualSums, residual_spread
+from rpms_ros.identification.estimation.uncertainty import ResidualSums
 from rpms_ros.muscle import Contraction, simulation_subject
 
 NOISE = 0.05
@@ -24,8 +24,7 @@ def fixed_basis(name):
 
 def sums_of(residuals, recruitment):
     """Return `ResidualSums` of the sums of the residuals in each cell (cells,)."""
-    start_ns = 100_000_000 * np.arange(CELLS)
-    spread = residual_spread(start_ns, np.full(CELLS, float(SAMPLES)), residuals)
+    spread = np.array([np.mean(residuals**2 / SAMPLES)])
     total = float(CELLS * SAMPLES)
     return ResidualSums(spread, float(CELLS), total, 1e-3 * total, float(np.sum(recruitment**2)))
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from rpms_ros.identification import LaguerreBasis
 from rpms_ros.identification.estimation.blocks import newest
-from rpms_ros.identification.estimation.gauss_newton import empty_fit
 from rpms_ros.identification.estimation.settings import ProjectionSettings
+from rpms_ros.identification.recursion.fit import empty_fit
 from rpms_ros.identification.recursion.people_kernel import (
     KNOTS,
     Memory,

@@ -16,9 +16,10 @@ from rpms_ros.identification.estimation.window_equations import (
     time_scaled,
 )
 from rpms_ros.identification.model.basis import LaguerreBasis
+from rpms_ros.identification.model.recruitment import NONLINEAR
 
-FUNCTIONS, INTERVALS, SAMPLES, KNOTS = 6, 9, 40, 2
-LOCAL = 4 + FUNCTIONS
+FUNCTIONS, INTERVALS, SAMPLES, KNOTS = 6, 9, 60, 2
+LOCAL = NONLINEAR + FUNCTIONS
 SPACING, VARIANCE = 3.0, 0.04
 
 
@@ -43,7 +44,7 @@ class Written:
         self.force = generator.standard_normal((INTERVALS, SAMPLES))
         self.force[4] = 0.0
         self.point = Point(
-            theta=np.array([0.5, 0.9, 5.0, 6.0]),
+            theta=np.concatenate(([0.5, 0.9, 5.0, 6.0], np.zeros(NONLINEAR - 4))),
             linear=generator.standard_normal(FUNCTIONS),
             gain=np.array([0.1, 0.25]),
             slowing=np.array([-0.05, -0.08]),
@@ -64,14 +65,16 @@ class Written:
 
     def model(self, x):
         """Return the force (intervals, samples) of the muscle at unknowns x, by the formula."""
-        theta, linear, gain, slowing, slope = np.split(x, np.cumsum([4, FUNCTIONS, KNOTS, KNOTS]))
+        theta, linear, gain, slowing, slope = np.split(
+            x, np.cumsum([NONLINEAR, FUNCTIONS, KNOTS, KNOTS])
+        )
         force = np.zeros((INTERVALS, SAMPLES))
         for index in range(INTERVALS):
             age = self.now - (index + 0.5)
             grown, delay = past(gain, age), past(slowing, age)
             inner = self.columns[index, :, :LOCAL] @ np.concatenate(
                 (
-                    theta + np.concatenate((age * slope, np.zeros(2))),
+                    theta + np.concatenate((age * slope, np.zeros(NONLINEAR - 2))),
                     time_scaled(linear, delay),
                 )
             )
@@ -81,7 +84,7 @@ class Written:
     def unknowns(self):
         """Return x at the point; theta counts as a deviation."""
         point = self.point
-        parts = (np.zeros(4), point.linear, point.gain, point.slowing, point.slope)
+        parts = (np.zeros(NONLINEAR), point.linear, point.gain, point.slowing, point.slope)
         return np.concatenate(parts)
 
     def disturbance(self):
