@@ -114,7 +114,11 @@ def session(muscle, excitation, seed):
     scale = 10.0 / truth.max()
     force = scale * force + NOISE * 10.0 * generator.standard_normal(len(grid))
     stamp_ns = np.round(1e9 * grid).astype(np.int64)
-    return PulseTrain.regular(intensity, RATE, 1_000_000), ForceTrace(stamp_ns, force), scale * truth
+    return (
+        PulseTrain.regular(intensity, RATE, 1_000_000),
+        ForceTrace(stamp_ns, force),
+        scale * truth,
+    )
 
 
 def main():

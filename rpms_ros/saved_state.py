@@ -29,7 +29,7 @@ import numpy as np
 from rpms_ros.errors import IdentificationError
 
 FORMAT = 'rpms-identification-state'
-VERSION = 2
+VERSION = 3
 MOST_BYTES = 2**30
 _MOST_DEPTH = 40
 _ARRAY, _NUMBER = '$array', '$number'

@@ -165,7 +165,7 @@ def test_other_versions_are_refused(saved) -> None:
     resigned(saved, lambda document, _: document.update(package='99.0'))
     refused(saved, fresh('tracking'), "expected a saved state of the package .*, got '99.0'")
     resigned(saved, lambda document, _: document.update(version=1))
-    refused(saved, fresh('tracking'), 'expected a saved state of version 2, got 1')
+    refused(saved, fresh('tracking'), 'expected a saved state of version 3, got 1')
 
 
 def test_every_cut_is_refused(saved) -> None:
@@ -217,7 +217,7 @@ def wrong_place(document, _):
 
 
 def swapped(document, _):
-    fit = document['estimator_state']['_fit']
+    fit = document['estimator_state']['_predictor']
     fit['theta'], fit['linear'] = fit['linear'], fit['theta']
 
 

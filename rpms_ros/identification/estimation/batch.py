@@ -4,7 +4,7 @@
 
 The samples are condensed into blocks of one pulse each, from which the normal equations of any
 parameters follow exactly (`rpms_ros.identification.estimation.blocks`), so that the cost of a fit
-grows with the pulses, not with the samples.  A fit is made whenever the recording has doubled, so
+grows with the pulses, not with the samples.  A fit is made whenever the recording has grown fourfold, so
 that every sample has an a-priori prediction, and once more for an estimate, from several starts.
 
 **Basis.**  With `choose_basis`, latency and time constant of the basis are chosen by how well the
@@ -42,7 +42,7 @@ from rpms_ros.identification.quality.doubts import NO_CONSTANT_MUSCLE, REASON
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, nanoseconds
 
 _FIRST_FIT_NS = NANOSECONDS_PER_SECOND
-_GROWTH = 2
+_GROWTH = 4
 # Every start is tried on so many of the newest blocks; later fits for predictions alone go on from
 # the fit before.
 _LAST_SCOUTING_NS = 10 * NANOSECONDS_PER_SECOND

@@ -32,7 +32,6 @@ from rpms_ros.identification.estimation.settings import (
     Baseline,
     Problem,
     ProjectionSettings,
-    pass_arrays,
 )
 from rpms_ros.identification.estimation.uncertainty import (
     Counters,
@@ -106,7 +105,6 @@ class ProjectionEstimator(RestorableWithSettings):
             first=0,
             input_gain=basis.input_gain,
             baseline=Baseline(0, INTERVAL_NS),
-            work=pass_arrays(functions),
         )
         start = self.settings.starts()[0]
         self._predictor = Predictor(start, np.zeros(functions), np.zeros(2))
@@ -305,7 +303,6 @@ def _check(problem: Problem, made: Problem, predictor: Predictor, intake: Intake
     wanted = (
         (blocks, empty_blocks(capacity, functions)),
         (intake, fresh_intake(functions)),
-        (problem.work, made.work),
         (predictor, (np.zeros(NONLINEAR), np.zeros(functions), np.zeros(2))),
     )
     alike = all(

@@ -28,7 +28,7 @@ from rpms_ros.identification.estimation.normal_equations import (
     near_knots,
     position_of,
 )
-from rpms_ros.identification.estimation.settings import Baseline, Problem, pass_arrays
+from rpms_ros.identification.estimation.settings import Baseline, Problem
 from rpms_ros.identification.estimation.tremor import polynomials, seconds, waves
 from rpms_ros.identification.model.basis import LaguerreBasis, transition_generator
 from rpms_ros.identification.model.recruitment import counted
@@ -492,7 +492,6 @@ class RawSamples(Restorable):
             first=0,
             input_gain=basis.input_gain,
             baseline=Baseline(first_ns, NANOSECONDS_PER_SECOND),
-            work=pass_arrays(functions),
         )
         prediction = np.empty(len(stamp_ns))
         intake = fresh_intake(functions)

@@ -10,6 +10,7 @@ derivatives, the columns ``psi_j = d(Phi w)/d theta_j`` add ``X S v_j`` and ``v_
 """
 
 import numba
+import numpy as np
 
 from rpms_ros.identification.estimation.blocks import (
     COUNT,
@@ -20,10 +21,9 @@ from rpms_ros.identification.estimation.blocks import (
     RESPONSE_TIME,
     TIME,
     TIME_SQUARED,
-    BlockStatistics,
 )
-from rpms_ros.identification.estimation.settings import Baseline, Pass
-from rpms_ros.identification.model.recruitment import NONLINEAR, counted_with_gradient
+from rpms_ros.identification.estimation.settings import Baseline
+from rpms_ros.identification.model.recruitment import NONLINEAR
 from rpms_ros.pulses import FloatArray
 
 # A prediction continues the slope of the baseline up to this time beyond its knots [ns].
@@ -80,12 +80,12 @@ def add_state_terms(
     gram: FloatArray,
     response: FloatArray,
     state: FloatArray,
-    product: FloatArray,
     matrix: FloatArray,
     right: FloatArray,
 ) -> None:
     """Add X S X^T and X s_y; only the lower triangle of `matrix` is written."""
     count = len(state)
+    product = np.empty((count, count))
     for row in range(count):
         for column in range(count):
             product[row, column] = 0.0
@@ -139,75 +139,66 @@ def add_baseline_terms(
 
 
 @numba.njit(cache=True)
-def advance_gradient(
-    blocks: BlockStatistics, here: int, theta: FloatArray, input_gain: float, work: Pass
-) -> None:
-    """Advance states and derivatives (by log alpha) to a block, its pulse included."""
-    for row in range(1 + NONLINEAR):
-        advance_state(blocks.transition[here], work.state[row])
-    intensity = blocks.intensity[here]
-    if intensity == 0.0:
-        return
-    rho = counted_with_gradient(intensity, blocks.weight[here], theta, work.slope)
-    work.state[0] += input_gain * rho
-    for place in range(NONLINEAR):
-        work.state[1 + place] += input_gain * work.slope[place]
+def advance_states(generator: FloatArray, states: FloatArray) -> None:
+    """Advance several states, the columns of (functions, states), in place.
+
+    Here and below the inner loops run over the nonlinear unknowns, which lie side by side: the
+    processor does several at once.
+    """
+    for function in range(len(states) - 1, -1, -1):
+        row = states[function]
+        for place in range(len(row)):
+            row[place] *= generator[0]
+        for shift in range(1, function + 1):
+            other, factor = states[function - shift], generator[shift]
+            for place in range(len(row)):
+                row[place] += factor * other[place]
 
 
 @numba.njit(cache=True)
-def add_gradient_terms(
+def add_gradient_terms(  # noqa: C901 - calls for each row take longer than the sums
+    start_ns: int,
     gram: FloatArray,
     response: FloatArray,
     linear: FloatArray,
-    work: Pass,
+    state: FloatArray,
+    slopes: FloatArray,
+    baseline: Baseline,
     matrix: FloatArray,
     right: FloatArray,
 ) -> None:
-    """Add psi against psi, the regressors and the force."""
-    count = len(linear)
-    state = work.state
-    values = work.correlated
-    projected = work.projected
-    for place in range(NONLINEAR):
-        for shift in range(count):
-            total = 0.0
-            for function in range(shift, count):
-                total += linear[function] * state[1 + place, function - shift]
-            values[1 + place, shift] = total
-        force = 0.0
-        for row in range(count):
-            total = 0.0
-            for column in range(count):
-                total += gram[row, column] * values[1 + place, column]
-            projected[place, row] = total
-            force += values[1 + place, row] * response[row, RESPONSE_FORCE]
-        right[place] += force
-        for function in range(count):
-            total = 0.0
-            for shift in range(function + 1):
-                total += state[0, function - shift] * projected[place, shift]
-            matrix[NONLINEAR + function, place] += total
-        for other in range(place + 1):
-            total = 0.0
-            for row in range(count):
-                total += values[1 + other, row] * projected[place, row]
-            matrix[place, other] += total
+    """Add psi against psi, the regressors, the baseline and the force.
 
-
-@numba.njit(cache=True)
-def add_gradient_baseline_terms(
-    start_ns: int, response: FloatArray, baseline: Baseline, work: Pass, matrix: FloatArray
-) -> None:
-    """Add psi, whose correlations `add_gradient_terms` left in `work`, against the baseline."""
-    count = response.shape[0]
+    `slopes` (functions, nonlinear) are the derivatives of `state` (functions,) by theta.
+    """
+    count, unknowns = slopes.shape
+    # v_j, and S v_j
+    values, projected = np.zeros((count, unknowns)), np.zeros((count, unknowns))
+    for shift in range(count):
+        for function in range(shift, count):
+            factor = linear[function]
+            for place in range(unknowns):
+                values[shift, place] += factor * slopes[function - shift, place]
+    for row in range(count):
+        for column in range(count):
+            factor = gram[row, column]
+            for place in range(unknowns):
+                projected[row, place] += factor * values[column, place]
     position = position_of(start_ns, baseline)
-    for offset in range(2):
-        value, slope = hat(offset, position, baseline)
-        row = NONLINEAR + count + offset
-        for place in range(NONLINEAR):
-            total = 0.0
-            for shift in range(count):
-                total += work.correlated[1 + place, shift] * (
-                    value * response[shift, RESPONSE_ONE] + slope * response[shift, RESPONSE_TIME]
-                )
-            matrix[row, place] += total
+    for row in range(count):
+        force = response[row, RESPONSE_FORCE]
+        for place in range(unknowns):
+            right[place] += force * values[row, place]
+        for shift in range(row + 1):
+            factor = state[row - shift]
+            for place in range(unknowns):
+                matrix[unknowns + row, place] += factor * projected[shift, place]
+        for knot in range(2):
+            value, slope = hat(knot, position, baseline)
+            factor = value * response[row, RESPONSE_ONE] + slope * response[row, RESPONSE_TIME]
+            for place in range(unknowns):
+                matrix[unknowns + count + knot, place] += factor * values[row, place]
+        for other in range(unknowns):
+            factor = values[row, other]
+            for place in range(unknowns):
+                matrix[other, place] += factor * projected[row, place]

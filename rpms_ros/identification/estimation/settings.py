@@ -34,41 +34,6 @@ class Baseline(NamedTuple):
     spacing_ns: int
 
 
-class Pass(NamedTuple):
-    """Arrays that the passes overwrite, allocated once.
-
-    Attributes
-    ----------
-    state : ndarray (1 + 26, functions)
-        States, and their derivatives by theta.
-    correlated : ndarray (1 + 26, functions)
-        Correlation of w with each row of `state`.
-    projected : ndarray (26, functions)
-        S v_j.
-    product : ndarray (functions, functions)
-        X S.
-    slope : ndarray (26,)
-        Derivatives of the recruitment.
-    """
-
-    state: FloatArray
-    correlated: FloatArray
-    projected: FloatArray
-    product: FloatArray
-    slope: FloatArray
-
-
-def pass_arrays(functions: int) -> Pass:
-    """Return arrays for so many functions."""
-    return Pass(
-        state=np.zeros((1 + NONLINEAR, functions)),
-        correlated=np.zeros((1 + NONLINEAR, functions)),
-        projected=np.zeros((NONLINEAR, functions)),
-        product=np.zeros((functions, functions)),
-        slope=np.zeros(NONLINEAR),
-    )
-
-
 class Prior(NamedTuple):
     """Prior and bounds.
 
@@ -102,15 +67,12 @@ class Problem(NamedTuple):
         Increase of each state by a pulse of recruitment 1 [s^-1/2].
     baseline : Baseline
         Baseline of the predictions.
-    work : Pass
-        Arrays that the passes overwrite.
     """
 
     blocks: BlockStatistics
     first: int
     input_gain: float
     baseline: Baseline
-    work: Pass
 
 
 # Further starts of a fit: alternate corners of the range of u_thr, u_sat and alpha_sat.

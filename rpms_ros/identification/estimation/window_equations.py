@@ -41,15 +41,18 @@ import numpy as np
 from rpms_ros.identification.estimation.blocks import COUNT, FORCE_SQUARED, without_force
 from rpms_ros.identification.estimation.normal_equations import (
     add_baseline_terms,
-    add_gradient_baseline_terms,
     add_gradient_terms,
     add_state_terms,
-    advance_gradient,
     advance_state,
+    advance_states,
     correlate,
 )
 from rpms_ros.identification.estimation.settings import Baseline, Problem
-from rpms_ros.identification.model.recruitment import NONLINEAR, counted
+from rpms_ros.identification.model.recruitment import (
+    NONLINEAR,
+    counted,
+    counted_with_gradient,
+)
 from rpms_ros.pulses import FloatArray, IntArray
 
 # Of the exponential series: the time constant changes by less than a factor of 2.
@@ -242,9 +245,10 @@ def _condense(
     intervals: Intervals,
 ) -> None:
     """Write intervals; they have to be zero before."""
-    blocks, work = problem.blocks, problem.work
+    blocks = problem.blocks
     functions = len(linear)
-    work.state[:] = 0.0
+    state, slope = np.zeros(functions), np.zeros(NONLINEAR)
+    slopes = np.zeros((functions, NONLINEAR))
     before, values = np.zeros(functions), np.zeros(functions)
     response, moments = np.zeros((functions, 3)), np.zeros(blocks.moments.shape[1])
     most = len(intervals.samples) - 1
@@ -258,7 +262,13 @@ def _condense(
                     blocks.intensity[here], blocks.weight[here], change.theta
                 )
             continue
-        advance_gradient(blocks, here, theta, problem.input_gain, work)
+        advance_state(blocks.transition[here], state)
+        advance_states(blocks.transition[here], slopes)
+        if blocks.intensity[here] != 0.0:
+            state += problem.input_gain * counted_with_gradient(
+                blocks.intensity[here], blocks.weight[here], theta, slope
+            )
+            slopes += problem.input_gain * slope
         if index < problem.first or blocks.moments[here, COUNT] == 0.0:
             continue
         correlate(change.linear, before, values)
@@ -269,10 +279,10 @@ def _condense(
         gram, right = intervals.gram[place], intervals.right[place]
         intervals.samples[place] += moments[COUNT]
         intervals.energy[place] += moments[FORCE_SQUARED]
-        add_state_terms(blocks.gram[here], response, work.state[0], work.product, gram, right)
-        add_baseline_terms(start_ns, response, moments, work.state[0], baseline, gram, right)
-        add_gradient_terms(blocks.gram[here], response, linear, work, gram, right)
-        add_gradient_baseline_terms(start_ns, response, baseline, work, gram)
+        sums = blocks.gram[here]
+        add_state_terms(sums, response, state, gram, right)
+        add_baseline_terms(start_ns, response, moments, state, baseline, gram, right)
+        add_gradient_terms(start_ns, sums, response, linear, state, slopes, baseline, gram, right)
     for place in range(len(intervals.samples)):
         gram = intervals.gram[place]
         for row in range(len(gram)):

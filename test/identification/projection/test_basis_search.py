@@ -66,19 +66,22 @@ def test_the_curve_is_right_whatever_the_dynamics(
     assert physiology['twitch_time_constant_s'] == pytest.approx(time_constant, rel=0.1)
 
 
-@pytest.mark.parametrize(
-    ('time_constant', 'latency', 'seed'), [(15e-3, 5e-3, 0), (60e-3, 20e-3, 3), (60e-3, 20e-3, 4)]
-)
+@pytest.mark.parametrize(('time_constant', 'latency'), [(15e-3, 5e-3), (60e-3, 20e-3)])
 def test_of_bases_that_only_noise_tells_apart_none_at_the_edge_is_taken(
-    living_sessions, time_constant: float, latency: float, seed: int
+    living_sessions, time_constant: float, latency: float
 ) -> None:
     # a slow sinusoid tells little of the dynamics: the best basis was a third off, or the start
     muscle = replace(simulation_subject(), time_constant=time_constant, latency=latency)
-    what = living_sessions.session('steady', 'sinusoid', seed, 18.0, muscle)
-    found = fed(batch(), what).estimate(0, {})
     truth = np.array([time_constant, latency, 3.0])
-    lower, upper = found.physiology_lower[:3], found.physiology_upper[:3]
-    assert ((lower <= truth) & (truth <= upper)).all()
+    held = []
+    for seed in range(3, 7):
+        what = living_sessions.session('steady', 'sinusoid', seed, 18.0, muscle)
+        found = fed(batch(), what).estimate(0, {})
+        assert curve_error(found, what) < 0.005
+        lower, upper = found.physiology_lower[:3], found.physiology_upper[:3]
+        held.append(((lower <= truth) & (truth <= upper)).all())
+    # two periods: docs/measurements.md states how often
+    assert sum(held) >= 3
 
 
 def test_a_recording_that_tells_nothing_of_the_dynamics_leaves_the_functions_of_the_start(
