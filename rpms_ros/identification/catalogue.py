@@ -40,7 +40,8 @@ class EstimatorOptions:
     preset : str
         ``people``, or ``paper_table_4`` and ``paper_table_5``, which reproduce the paper: its
         recursion, or batch and tracking with its start values and a latency of 0 (Table 4) or
-        8 ms (Table 5).  With ``people`` batch and tracking find the latency themselves.
+        8 ms (Table 5), and with its arctangents alone.  With ``people`` batch and tracking find
+        latency and shape of the recruitment themselves.
     seed : int
         Seed of a random start.
     rate_hz : float
@@ -89,7 +90,7 @@ def _projection(options: EstimatorOptions) -> ProjectionSettings:
     people = options.preset == PEOPLE_PRESET
     start = PEOPLE.model.start if people else settings_by_name(options.preset).start
     basis = replace(ProjectionSettings().basis, latency=_LATENCY[options.preset])
-    return ProjectionSettings(basis=basis, start=start, history=options.history)
+    return ProjectionSettings(basis=basis, start=start, deviation=people, history=options.history)
 
 
 def _batch(options: EstimatorOptions) -> Estimator:
@@ -102,7 +103,9 @@ def _tracking(options: EstimatorOptions) -> Estimator:
     settings = TrackingSettings(history=options.history)
     if options.preset != PEOPLE_PRESET:
         paper = _projection(options)
-        settings = replace(settings, basis=paper.basis, start=paper.start, choose_basis=False)
+        settings = replace(
+            settings, basis=paper.basis, start=paper.start, deviation=False, choose_basis=False
+        )
     return TrackingEstimator(settings, options.rate_hz)
 
 
