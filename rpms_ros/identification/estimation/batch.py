@@ -4,8 +4,9 @@
 
 The samples are condensed into blocks of one pulse each, from which the normal equations of any
 parameters follow exactly (`rpms_ros.identification.estimation.blocks`), so that the cost of a fit
-grows with the pulses, not with the samples.  A fit is made whenever the recording has grown fourfold, so
-that every sample has an a-priori prediction, and once more for an estimate, from several starts.
+grows with the pulses, not with the samples.  A fit is made whenever the recording has grown
+fourfold, so that every sample has an a-priori prediction, and once more for an estimate, from
+several starts.
 
 **Basis.**  With `choose_basis`, latency and time constant of the basis are chosen by how well the
 last part of the recording that was stimulated is explained (`basis_choice`).
