@@ -54,7 +54,7 @@ def main():
             for seed in range(seeds):
                 what = session(kind, excitation, seed)
                 error, held, seconds, estimator, found = outcome('batch', what)
-                share = unexplained(estimator._problem, estimator._fit)[:, 0].max()
+                share = unexplained(estimator._problem, estimator._window.point)[:, 0].max()
                 said += NO_CONSTANT_MUSCLE in found.doubts
                 other = outcome('tracking', what)
                 spent += seconds, other[2]

@@ -94,8 +94,8 @@ def experiment(seed, seconds):
 def model_force(estimator, scenario):
     """Return the force of the pulses alone (samples,), the model's baseline left out."""
     copy = type(estimator)(estimator.settings)
-    copy._fit.theta[:] = estimator._fit.theta
-    copy._fit.linear[:] = estimator._fit.linear
+    copy._predictor.theta[:] = estimator._predictor.theta
+    copy._predictor.linear[:] = estimator._predictor.linear
     copy.add_pulses(scenario.onset_ns, scenario.intensity)
     never = np.zeros(len(scenario.stamp_ns), dtype=bool)
     return copy.update(scenario.stamp_ns, scenario.force, never)
