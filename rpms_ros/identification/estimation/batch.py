@@ -272,9 +272,10 @@ class BatchEstimator(ProjectionEstimator):
     def _newest_blocks(self) -> Problem:
         """Return the problem of the newest blocks, led by those whose pulses still act on them."""
         blocks = self._problem.blocks
-        size = int(blocks.size[0])
         order = ring_order(blocks)
-        first = max(size - _SCOUTED_BLOCKS, 0)
+        # of pulses: the newest blocks may be those of a rest
+        acting = np.flatnonzero(blocks.intensity[order] > 0.0)[-_SCOUTED_BLOCKS:]
+        first = int(acting[0]) if len(acting) else 0
         begin_ns = blocks.start_ns[order[first]] - nanoseconds(self.memory)
         lead = int(np.searchsorted(blocks.start_ns[order[:first]], begin_ns))
         newest = {
