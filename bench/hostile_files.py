@@ -62,7 +62,7 @@ DOCUMENTS = ('history law', 'scenario', 'device', 'patient', 'audit log')
 NAMES = (
     *FORMATS,
     *DOCUMENTS,
-    *('export to csv', 'export to mat', 'export to bids', 'signed'),
+    *('export to csv', 'export to mat', 'signed'),
     *('state of tracking', 'result of tracking'),
 )
 

@@ -118,7 +118,7 @@ class Link(Node):
         self._steps_held = 0
         self.speak()
         self.give_anew()
-        self._clock = self.create_publisher(Clock, '/clock', qos.CLOCK)
+        self._clock = self.create_publisher(Clock, '/clock', 1)
         self.create_subscription(WrenchStamped, 'force_true', self._on_force, qos.FORCE, raw=True)
 
     def speak(self):

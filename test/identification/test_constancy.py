@@ -29,7 +29,7 @@ def test_a_steady_muscle_is_constant_under_a_sensor_that_drifts(
     estimator, estimate = fitted(what._replace(force=what.force + drift))
     assert estimate.doubts == ()
     # bench/constant_muscle.py: 0.5 % at the most, limit 1 %.
-    assert unexplained(estimator._problem, estimator._fit)[:, 0].max() < 0.01
+    assert unexplained(estimator._problem, estimator._window.point)[:, 0].max() < 0.01
 
 
 @pytest.mark.parametrize(
@@ -42,7 +42,7 @@ def test_a_muscle_that_changed_is_said_not_to_be_constant(
     estimator, estimate = fitted(living_sessions.session(kind, excitation, 0, seconds))
     assert NO_CONSTANT_MUSCLE in estimate.doubts
     assert REASON[NO_CONSTANT_MUSCLE] in estimate.reasons
-    assert not is_constant(estimator._problem, estimator._fit)
+    assert not is_constant(estimator._problem, estimator._window.point)
 
 
 def test_a_clock_that_jumps_back_is_no_change_of_the_muscle(living_sessions) -> None:
@@ -55,9 +55,9 @@ def test_a_clock_that_jumps_back_is_no_change_of_the_muscle(living_sessions) -> 
         estimator.update(what.stamp_ns[:half], what.force[:half], np.ones(half, dtype=np.bool_))
         estimator.forget_pulses()
     assert estimator.estimate(0, {}).doubts == ()
-    assert len(unexplained(estimator._problem, estimator._fit)) > 3
+    assert len(unexplained(estimator._problem, estimator._window.point)) > 3
 
 
 def test_nothing_recorded_is_constant() -> None:
     estimator = estimator_by_name('batch')
-    assert is_constant(estimator._problem, estimator._fit)
+    assert is_constant(estimator._problem, estimator._window.point)

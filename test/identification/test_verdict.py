@@ -106,7 +106,7 @@ def test_what_is_right_is_good(trial: Trial, name: str) -> None:
         ),
         (
             lambda force: force + 0.6 * np.sin(np.arange(len(force)) / 1000 * 2.0 * np.pi * 0.7),
-            'doubtful',
+            'no',
             'the residual is not white',
         ),
     ],

@@ -24,8 +24,7 @@ def test_files_of_parameters_and_schema_are_what_tools_document_writes() -> None
 @pytest.mark.long
 @pytest.mark.parametrize('sent', [signal.SIGINT, signal.SIGTERM])
 def test_the_code_on_the_page_runs_until_a_signal(domain: int, sent: signal.Signals) -> None:
-    # the other block is a test of its own: test/test_testing.py
-    code, _ = (part.split('```')[0] for part in PAGE.split('```python\n')[1:])
+    code = PAGE.split('```python\n')[1].split('```')[0]
     told = code.replace('while not', 'print("running", flush=True)\nwhile not')
     assert told != code
     environment = {**os.environ, 'ROS_DOMAIN_ID': str(domain)}

@@ -218,6 +218,8 @@ class BasisChoice:
         """
         found = {one: self.explained(one, rough).fit for one, rough in self._found}
         best = max(fit.likelihood for fit in found.values())
+        if not math.isfinite(best):
+            return np.zeros((basis.functions, basis.functions))
         share, linear = [], []
         for one, fit in found.items():
             if fit.likelihood > best - 2.0 * _EQUAL:
