@@ -208,8 +208,7 @@ class BatchEstimator(ProjectionEstimator):
     def _scout(self, fit: WindowFit) -> None:
         """Try every start on the newest blocks; go on from the best."""
         problem, knowledge = self._newest_blocks(), self._of_any_shape(self._prior)
-        window = self._span(problem)
-        functions = self._basis.functions
+        window, functions = self._span(problem), self._basis.functions
         trials = [fresh_fit(theta, functions) for theta in self.settings.starts()]
         if fit.covariance.any():
             trials.append(

@@ -689,14 +689,9 @@ def _move(
 
 def _refresh_noise(fit: WindowFit, at: _Linearised, before: Point, window: Window) -> None:
     """Estimate the variance of the residuals anew."""
+    unknowns = unknowns_of(before)
     fit.variance, fit.inflation, fit.residual_spread = noise_of(
-        at.intervals,
-        before,
-        fit.point,
-        fit.levels,
-        at.now,
-        window.spacing,
-        unknowns_of(before),
+        at.intervals, before, fit.point, fit.levels, at.now, window.spacing, unknowns
     )
 
 
