@@ -165,7 +165,9 @@ class ProjectionEstimator(RestorableWithSettings):
         """Restore a saved state; see `Restorable.restore`."""
         made = self._problem
         super().restore(state)
-        _check(self._problem, made, self._predictor, self._intake)
+        point = self._window.point
+        found = point.theta, point.linear, self._basis_spread
+        _check(self._problem, made, self._predictor, self._intake, found)
         self._use(self._basis)
 
     def predict(self, stamp_ns: IntArray) -> FloatArray:
@@ -296,7 +298,13 @@ class ProjectionEstimator(RestorableWithSettings):
         )
 
 
-def _check(problem: Problem, made: Problem, predictor: Predictor, intake: Intake) -> None:
+def _check(
+    problem: Problem,
+    made: Problem,
+    predictor: Predictor,
+    intake: Intake,
+    found: tuple[FloatArray, ...],
+) -> None:
     """Raise `IdentificationError` if restored arrays do not have the right shapes."""
     blocks, functions = problem.blocks, made.blocks.transition.shape[1]
     capacity = len(blocks.start_ns)
@@ -304,6 +312,7 @@ def _check(problem: Problem, made: Problem, predictor: Predictor, intake: Intake
         (blocks, empty_blocks(capacity, functions)),
         (intake, fresh_intake(functions)),
         (predictor, (np.zeros(NONLINEAR), np.zeros(functions), np.zeros(2))),
+        (found, (np.zeros(NONLINEAR), np.zeros(functions), np.zeros((functions, functions)))),
     )
     alike = all(
         np.shape(one) == np.shape(other)

@@ -43,7 +43,7 @@ class Predictor(NamedTuple):
 
     Attributes
     ----------
-    theta, linear : ndarray (24,), (functions,)
+    theta, linear : ndarray (26,), (functions,)
         The muscle.
     levels : ndarray (2,)
         Baseline at its knots [N].
@@ -246,7 +246,7 @@ def predict(
     rate: float,
     expected: FloatArray,
 ) -> None:
-    """Write the predictions that `data_intake.take` would make of ascending samples (samples,).
+    """Write the predictions that `add_samples` would make of ascending samples (samples,).
 
     The state of the intake does not change.
     """
@@ -401,7 +401,7 @@ class RawSamples(Restorable):
         ----------
         basis : LaguerreBasis
             Functions behind a latency.
-        theta, linear : ndarray (24,), (functions,)
+        theta, linear : ndarray (26,), (functions,)
             The muscle, for the states of the intake.
         first_ns : int
             Samples from here on are fitted [ns]; pulses before lead the state up to it.
@@ -430,7 +430,7 @@ class RawSamples(Restorable):
         ----------
         basis : LaguerreBasis
             Functions behind a latency.
-        theta, linear : ndarray (24,), (functions,)
+        theta, linear : ndarray (26,), (functions,)
             The muscle.
         first_ns : int
             The first sample that counts [ns].

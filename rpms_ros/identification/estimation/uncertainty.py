@@ -150,7 +150,7 @@ class Muscle:
 
     Attributes
     ----------
-    theta, linear : ndarray (4,) or (24,), (functions,)
+    theta, linear : ndarray (4,) or (26,), (functions,)
         Recruitment, and w.
     levels : ndarray (levels,)
         Levels of the baseline [N].

@@ -658,13 +658,14 @@ def _move(
     Arctangents, deviation and response can stand in for each other: where little is known, the
     step of the linearised equations leads far beyond the least cost.
     """
+    certain = solution.here - solution.left < _CERTAIN
+    if not certain and fit.damping > _LEAST_DAMPING:
+        step = solution.damped(fit.damping)
     step = _limited(at, solution, step)
-    if solution.here - solution.left < _CERTAIN:
+    if certain:
         _accept(fit, at, solution, step, covariance)
         _refresh_noise(fit, at, at.point, window)
         return
-    if fit.damping > _LEAST_DAMPING:
-        step = _limited(at, solution, solution.damped(fit.damping))
     least, rest = solution.projected()
     for _ in range(_TRIALS):
         trial = replace(fit, point=moved(at.point, step))

@@ -17,12 +17,12 @@ from rpms_ros.identification.estimation.uncertainty import (
     Uncertainty,
     condition_number,
 )
+from rpms_ros.identification.estimation.window_fit import LEAST_ENERGY
 from rpms_ros.identification.model.physiology import MISFIT
 from rpms_ros.identification.model.recruitment import PARAMETERS
 from rpms_ros.pulses import FloatArray
 
 _ROUNDING = 1e-12
-LEAST_ENERGY = 1e-18
 
 
 class Fit(NamedTuple):
@@ -99,28 +99,28 @@ def coordinate(theta: FloatArray, place: int) -> float:
 
 
 @numba.njit(cache=True)
-def weak_ridge(fit: Fit) -> float:
+def weak_ridge(energy: float, samples: float, variance: float) -> float:
     """Return a ridge that keeps w and b solvable, too weak to change estimates noticeably."""
-    power = fit.energy[0] / max(fit.samples[0], 1.0) + LEAST_ENERGY
+    power = energy / max(samples, 1.0) + LEAST_ENERGY
     # The variance exceeds the power only if it is from before a gap.
-    value: float = 1e-2 * fit.variance[0] / max(power, fit.variance[0])
+    value: float = 1e-2 * variance / max(power, variance)
     return value
 
 
-@numba.njit(cache=True)
-def room_for_steps(theta: FloatArray, prior: Prior, low: FloatArray, high: FloatArray) -> None:
-    """Write the least and greatest steps of the coordinates (4,) within the bounds."""
+@register_jitable
+def room(problem: Any, fit: Fit, low: FloatArray, high: FloatArray) -> None:
+    """Write the least and greatest steps of the coordinates (4,) within `problem.prior`."""
     for place in range(PARAMETERS):
-        here = coordinate(theta, place)
-        low[place] = coordinate(prior.lower, place) - here
-        high[place] = coordinate(prior.upper, place) - here
+        here = coordinate(fit.theta, place)
+        low[place] = coordinate(problem.prior.lower, place) - here
+        high[place] = coordinate(problem.prior.upper, place) - here
 
 
 @numba.njit(cache=True)
-def move_theta(theta: FloatArray, prior: Prior, step: FloatArray, moved: FloatArray) -> float:
+def move_theta(theta: FloatArray, prior: Prior, step: FloatArray, moved: FloatArray) -> None:
     """Write theta (4,) after a step (4,); u_thr and u_sat keep their least distance.
 
-    `step` becomes what was gone.  Returns its largest component.
+    `step` becomes what was gone.
     """
     for place in range(PARAMETERS):
         value = coordinate(theta, place) + step[place]
@@ -130,11 +130,8 @@ def move_theta(theta: FloatArray, prior: Prior, step: FloatArray, moved: FloatAr
     if lacking > 0.0:
         moved[0] = max(moved[0] - 0.5 * lacking, prior.lower[0])
         moved[1] = moved[0] + prior.separation
-    largest = 0.0
     for place in range(PARAMETERS):
         step[place] = coordinate(moved, place) - coordinate(theta, place)
-        largest = max(largest, abs(step[place]))
-    return largest
 
 
 @register_jitable
@@ -189,7 +186,7 @@ def uncertainty(
     theta = np.arange(PARAMETERS)
     matrix[theta, theta] += variance / prior.deviation**2
     linear = np.arange(PARAMETERS, len(matrix))
-    matrix[linear, linear] += weak_ridge(fit)
+    matrix[linear, linear] += weak_ridge(fit.energy[0], fit.samples[0], variance)
     scale = np.sqrt(np.diag(matrix))
     scaled = matrix / np.outer(scale, scale) + _ROUNDING * np.eye(len(matrix))
     inverse = np.linalg.inv(scaled) / np.outer(scale, scale)
@@ -215,9 +212,3 @@ def _inflate_parameters(covariance: FloatArray, prior: Prior, factor: float) -> 
     scale[:PARAMETERS] = np.minimum(np.sqrt(factor), most)
     result: FloatArray = covariance * np.outer(scale, scale)
     return result
-
-
-@register_jitable
-def room(problem: Any, fit: Fit, low: FloatArray, high: FloatArray) -> None:
-    """Write the least and greatest steps of theta, see `room_for_steps`."""
-    room_for_steps(fit.theta, problem.prior, low, high)

@@ -34,12 +34,12 @@ from rpms_ros.identification.estimation.blocks import (
 )
 from rpms_ros.identification.estimation.settings import ProjectionSettings
 from rpms_ros.identification.estimation.uncertainty import Counters, EstimateBuilder, ResidualSums
+from rpms_ros.identification.estimation.window_fit import LEAST_ENERGY
 from rpms_ros.identification.model.estimate import DEFAULT_RATE, Estimate, recruiting_range
 from rpms_ros.identification.model.levenberg_marquardt import Ending
 from rpms_ros.identification.model.recruitment import PARAMETERS
 from rpms_ros.identification.quality.doubts import FACTORISATION_FAILED, PlausibilityCheck
 from rpms_ros.identification.recursion.fit import (
-    LEAST_ENERGY,
     Fit,
     accept,
     empty_fit,

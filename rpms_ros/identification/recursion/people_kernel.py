@@ -49,6 +49,7 @@ from rpms_ros.identification.estimation.blocks import (
 from rpms_ros.identification.estimation.intake import count_energy
 from rpms_ros.identification.estimation.normal_equations import advance_state, correlate
 from rpms_ros.identification.estimation.settings import Prior
+from rpms_ros.identification.estimation.window_fit import LEAST_ENERGY
 from rpms_ros.identification.model.basis import transition_generator
 from rpms_ros.identification.model.levenberg_marquardt import (
     dot,
@@ -59,12 +60,12 @@ from rpms_ros.identification.model.levenberg_marquardt import (
 )
 from rpms_ros.identification.model.recruitment import PARAMETERS
 from rpms_ros.identification.recursion.fit import (
-    LEAST_ENERGY,
     Fit,
     accept,
     coordinate,
     move_theta,
     room,
+    weak_ridge,
 )
 from rpms_ros.muscle.recruitment import arctan_recruitment_with_gradient
 from rpms_ros.pulses import BoolArray, FloatArray, IntArray
@@ -456,20 +457,12 @@ def equations(memory: Memory, fit: Fit) -> None:
 
 
 @numba.njit(cache=True)
-def _ridge(memory: Memory, variance: float) -> float:
-    """Return a ridge that keeps w and b solvable, too weak to change estimates noticeably."""
-    power = memory.energy[0] / max(memory.samples[0], 1.0) + LEAST_ENERGY
-    value: float = 1e-2 * variance / max(power, variance)
-    return value
-
-
-@numba.njit(cache=True)
 def solve_linear(memory: Memory, prior: Prior, fit: Fit) -> bool:
     """Solve for w and b at theta, then the cost; return whether the matrix was positive."""
     functions = len(fit.linear)
     matrix = fit.matrix[PARAMETERS:, PARAMETERS:].copy()
     linear = fit.right[PARAMETERS:].copy()
-    ridge = _ridge(memory, fit.variance[0])
+    ridge = weak_ridge(memory.energy[0], memory.samples[0], fit.variance[0])
     for row in range(len(linear)):
         matrix[row, row] += ridge
     if not solve_positive(matrix, linear):
@@ -532,10 +525,10 @@ def _linearise(
 
     The equations are complete already: `evaluate` leaves them so.
     """
-    matrix, prior = fit.matrix, problem.prior
+    matrix, prior, memory = fit.matrix, problem.prior, problem.memory
     linear = np.concatenate((fit.linear, fit.levels))
     factor = matrix[PARAMETERS:, PARAMETERS:].copy()
-    ridge = _ridge(problem.memory, fit.variance[0])
+    ridge = weak_ridge(memory.energy[0], memory.samples[0], fit.variance[0])
     for row in range(len(linear)):
         factor[row, row] += ridge
     if not factorise_positive(factor):
