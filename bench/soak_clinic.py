@@ -150,7 +150,7 @@ class Clinic:
         self.graph.wait_for(lambda: self._state != DriverStatus.RUNNING)
         self._count_driver()
         counts = self.recorder.counts
-        self.graph.wait_for(lambda: counts[topics.PULSES].messages >= self.counts['delivered'])
+        self.graph.wait_for(lambda: counts[topics.PULSES] >= self.counts['delivered'])
         accepted = counts[topics.ACCEPTED_SCHEDULE]
         self.graph.wait_for(lambda: accepted.messages >= self.counts['runs'])
         self.graph.remove(self.recorder)

@@ -70,9 +70,7 @@ def add_protocol(subparsers: Any) -> None:
     parser = subparsers.add_parser(
         'protocol',
         help='write a schedule that has a name',
-        description='Write a schedule as YAML, to run, to check or to change by hand.  '
-        'With --device it is made deliverable: weaker, slower or shorter, with pauses and ramps '
-        'put in.',
+        description='Write a schedule as YAML, to run, to check or to change by hand.',
         epilog=f'protocols: {protocols}',
     )
     parser.add_argument('name', choices=sorted(PROTOCOLS), help='which one')
@@ -80,10 +78,6 @@ def add_protocol(subparsers: Any) -> None:
     add_option(parser, '--rate HZ', None, 'repetition rate instead', dest='rate_hz', type=float)
     add_option(parser, '--duration S', None, 'length instead', dest='duration_s', type=float)
     add_option(parser, '--seed', None, 'seed of what is random', type=int)
-    text = 'change it as far as this device needs it: a device specification, by name or YAML file'
-    add_option(parser, '--device NAME|FILE', None, text)
-    text = "patient file: as far as the patient's figures need it, too; with --device"
-    add_option(parser, '--patient FILE', None, text, type=Path)
     parser.set_defaults(run=run_protocol)
 
 
@@ -94,11 +88,6 @@ def run_protocol(arguments: argparse.Namespace) -> int:
     if os.path.lexists(arguments.out):
         raise StimulationError(f'expected a new file for the schedule, got {arguments.out}')
     schedule = built(arguments.name, arguments)
-    changes: tuple[str, ...] = ()
-    if arguments.device is not None:
-        schedule, changes = _fitted(schedule, arguments)
-    elif arguments.patient is not None:
-        raise StimulationError('expected --device with --patient, got none')
     try:
         # 'x': what another program has written meanwhile is not replaced either.
         with arguments.out.open('x', encoding='utf-8') as file:
@@ -112,23 +101,7 @@ def run_protocol(arguments: argparse.Namespace) -> int:
         f'{arguments.out}: {counted(totals.pulses, "pulse")} in {totals.duration:g} s, '
         f'at most {totals.highest_rate_hz:.4g} Hz and intensity {totals.highest_intensity:.3g}'
     )
-    for change in changes:
-        print(f'  changed: {change}')
     return 0
-
-
-def _fitted(
-    schedule: 'Schedule', arguments: argparse.Namespace
-) -> 'tuple[Schedule, tuple[str, ...]]':
-    """Return what device and patient can be given of a schedule, and what was changed."""
-    from rpms_ros.stimulation.limits.device_specification import load_device_specification
-    from rpms_ros.stimulation.limits.fitting import fitted
-    from rpms_ros.stimulation.limits.patient import load_patient
-
-    specification = load_device_specification(arguments.device)
-    patient = load_patient(arguments.patient) if arguments.patient is not None else None
-    found = fitted(schedule, specification, patient)
-    return found.schedule, found.changes
 
 
 def add_check(subparsers: Any) -> None:
@@ -160,7 +133,7 @@ def add_check(subparsers: Any) -> None:
 def run_check(arguments: argparse.Namespace) -> int:
     """Check a schedule; return 0 if it can be delivered, 1 if not."""
     from rpms_ros.stimulation.limits.device_specification import load_device_specification
-    from rpms_ros.stimulation.limits.fitting import forecast_within
+    from rpms_ros.stimulation.limits.forecast import forecast
     from rpms_ros.stimulation.limits.patient import for_session, load_patient
     from rpms_ros.stimulation.schedule.description import load_schedule
 
@@ -169,7 +142,7 @@ def run_check(arguments: argparse.Namespace) -> int:
     patient = load_patient(arguments.patient) if arguments.patient is not None else None
     if patient is not None:
         specification = for_session(specification, patient)
-    ahead = forecast_within(schedule, specification, patient.dose if patient else None)
+    ahead = forecast(schedule, specification, patient.dose if patient else None)
     if arguments.json:
         print(json.dumps(as_json(ahead)))
     else:

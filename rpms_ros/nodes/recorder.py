@@ -3,8 +3,7 @@
 """Node that records topics: messages as raw bytes.
 
 Messages are written to the operating system every `FLUSH_PERIOD_S`: after a recorder was killed,
-all older messages are readable.  It subscribes to the topics of this package at the start, and to
-others as soon as a publisher shows their type.
+all older messages are readable.  It subscribes to the topics of this package alone.
 
 As in the identifier, the subscriptions belong to a second node that is in no executor, and the
 recorder empties them.
@@ -13,24 +12,20 @@ recorder empties them.
 import json
 import shutil
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
-from functools import cache
-from importlib import import_module
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
-from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
-from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rosbags.interfaces import (
     Qos,
     QosDurability,
@@ -41,7 +36,6 @@ from rosbags.interfaces import (
 )
 
 from rpms_msgs.msg import AcceptedSchedule, DriverStatus, MuscleEstimate, MuscleTruth, Pulse
-from rpms_ros import messages
 from rpms_ros.errors import NodeError, RecordingError
 from rpms_ros.nodes.common import qos, topics
 from rpms_ros.nodes.common.diagnostics import PERIOD_S, DiagnosticsPublisher, Health, logger_of
@@ -57,7 +51,6 @@ from rpms_ros.nodes.common.qos import (
 from rpms_ros.nodes.common.runner import complete_or_gone, run
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.recording import RecordingWriter
-from rpms_ros.recording.rosbag.definitions import described_type, known_types, written_definition
 from rpms_ros.recording.rosbag.metadata import read_key
 from rpms_ros.recording.rosbag.verifying import LOST_KEY, PUBLISHERS_KEY
 
@@ -68,9 +61,7 @@ LEAST_ROOM = 1_000_000_000
 """Free bytes below which a session of an hour may not fit on the disk."""
 
 
-def recorder_health(
-    path: Path, counts: Mapping[str, int], missing: Sequence[str], lost: Mapping[str, int]
-) -> Health:
+def recorder_health(path: Path, counts: Mapping[str, int], lost: Mapping[str, int]) -> Health:
     """Return the health of a recorder.
 
     Parameters
@@ -79,16 +70,13 @@ def recorder_health(
         Folder of the recording.
     counts : mapping of str to int
         Messages so far, by topic.
-    missing : sequence of str
-        Topics that are published and not recorded.
     lost : mapping of str to int
         Messages that were lost, by topic.
     """
     free = shutil.disk_usage(path).free
     total = sum(counts.values())
     level, said = DiagnosticStatus.OK, 'recording' if total else 'recording; no message yet'
-    faults = [f'not recorded: {", ".join(missing)}'] if missing else []
-    faults += [f'{count} messages of {name} lost' for name, count in lost.items()]
+    faults = [f'{count} messages of {name} lost' for name, count in lost.items()]
     if free < LEAST_ROOM:
         faults.append(f'{free / 1e6:.0f} MB are left on the disk')
     if faults:
@@ -100,60 +88,6 @@ def recorder_health(
         **{f'messages of {name}': count for name, count in counts.items()},
     }
     return Health(said, level, figures)
-
-
-# A hundred seconds at 50 Hz.
-_DEPTH = 5000
-
-
-def message_class(type_name: str) -> Any:
-    """Return the class of ``package/msg/Name``.
-
-    Raises
-    ------
-    RecordingError
-        If its package is not installed.
-    """
-    package, folder, name = type_name.split('/')
-    try:
-        return getattr(import_module(f'{package}.{folder}'), name)
-    except (ImportError, AttributeError) as error:
-        raise RecordingError(f'expected an installed {type_name}, got {error}') from error
-
-
-@cache
-def definition_of(type_name: str) -> tuple[str, str]:
-    """Return text and hash of any installed type.
-
-    Raises
-    ------
-    RecordingError
-        If its package has no definition of it.
-    """
-    if type_name in known_types().fielddefs:
-        return written_definition(type_name)
-    return described_type(type_name, _installed_text)
-
-
-def _installed_text(type_name: str) -> str:
-    package, folder, name = type_name.split('/')
-    try:
-        share = get_package_share_directory(package)
-        return Path(share, folder, f'{name}.msg').read_text('utf-8')
-    except (PackageNotFoundError, OSError) as error:
-        raise RecordingError(f'expected an installed {type_name}.msg, got {error}') from error
-
-
-def subscription_qos(publishers: Sequence[TopicEndpointInfo]) -> QoSProfile:
-    """Return a profile compatible with all publishers: as reliable and durable as the least."""
-    profiles = [publisher.qos_profile for publisher in publishers]
-    reliable = all(one.reliability == ReliabilityPolicy.RELIABLE for one in profiles)
-    durable = all(one.durability == DurabilityPolicy.TRANSIENT_LOCAL for one in profiles)
-    return QoSProfile(
-        depth=_DEPTH,
-        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if durable else DurabilityPolicy.VOLATILE,
-    )
 
 
 def _recorded(profile: QoSProfile) -> Qos:
@@ -186,8 +120,6 @@ _TOPICS: dict[str, tuple[Any, QoSProfile]] = {
 }
 # Period with which the subscriptions are emptied [s].
 _LISTENING_PERIOD = 0.01
-# Period with which the types of other topics are looked up [s].
-_LOOK_PERIOD = 0.2
 _MOST_NAMES = 100
 FLUSH_PERIOD_S = 0.5
 """Time between two writes to the file."""
@@ -203,42 +135,13 @@ class RecorderParameters(NodeParameters):
     )
     storage: str = parameter('mcap', 'Format of the file.', choices=('mcap', 'sqlite3'))
     topics: tuple[str, ...] = parameter(
-        tuple(_TOPICS), 'Topics to record, of any type; those without publisher stay empty.'
+        tuple(_TOPICS),
+        'Topics to record; those without publisher stay empty.',
+        choices=tuple(_TOPICS),
     )
     key_file: str = parameter(
         '', 'File with the key that signs the recording; empty leaves it unsigned.'
     )
-
-
-@dataclass
-class TopicCount:
-    """Counts of one topic.
-
-    Attributes
-    ----------
-    messages : int
-        Number of messages.
-    first_ns, last_ns : int
-        Stamps of the first and the newest; times of reception for messages without stamp [ns].
-    """
-
-    messages: int = 0
-    first_ns: int = 0
-    last_ns: int = 0
-
-    def take(self, stamp_ns: int) -> None:
-        """Count one message."""
-        if not self.messages:
-            self.first_ns = stamp_ns
-        self.messages += 1
-        self.last_ns = stamp_ns
-
-    def missing(self, rate: float) -> int:
-        """Return how many messages a regular topic of this rate [Hz] lacks so far."""
-        if not self.messages:
-            return 0
-        span = (self.last_ns - self.first_ns) / NANOSECONDS_PER_SECOND
-        return round(span * rate) + 1 - self.messages
 
 
 @dataclass
@@ -283,23 +186,24 @@ class Recorder(Node):
         except RecordingError as error:
             raise NodeError(str(error)) from error
         self._closed = False
-        self.counts = {name: TopicCount() for name in self._named_once()}
+        self.counts = dict.fromkeys(self.settings.topics, 0)
         self._topics: dict[str, _Topic] = {}
-        self._unknown: list[str] = []
-        self._refused: list[str] = []
         self._lost: dict[str, int] = {}
         # an open recording is ended properly, whatever fails from here on
         self._parts.callback(self.close)
         self._diagnostics = DiagnosticsPublisher(
             self, 'recording', f'recording {self.path.resolve()}'
         )
-        self._subscribe_to_known()
+        for name in self.counts:
+            kind, profile = _TOPICS[name]
+            heard = subscribe(self, self._node, kind, name, profile)
+            alone = heard.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT
+            both = (None, heard) if alone else (heard, None)
+            self._topics[name] = _Topic(name, kind, *both, alone)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_LISTENING_PERIOD, self._take, clock=steady)
         self.create_timer(FLUSH_PERIOD_S, self._flush, clock=steady)
         self.create_timer(PERIOD_S, self._report, clock=steady)
-        if self._unknown:
-            self.create_timer(_LOOK_PERIOD, self._look, clock=steady)
         warn_of_unused(self)
         heard = ', '.join(self.resolve_topic_name(name) for name in self.counts)
         logger_of(self).info(f'recording to {self.path}: {heard}')
@@ -308,23 +212,6 @@ class Recorder(Node):
     def path(self) -> Path:
         """Folder of the recording."""
         return self._writer.path
-
-    def _named_once(self) -> list[str]:
-        """Return the names of the topics, the first of those that are one and the same topic.
-
-        Heard twice, each message would be recorded twice.
-        """
-        names: dict[str, str] = {}
-        for name in self.settings.topics:
-            names.setdefault(self.resolve_topic_name(name), name)
-        return list(names.values())
-
-    def _subscribe_to_known(self) -> None:
-        for name in self.counts:
-            if name in _TOPICS:
-                self._subscribe(name, *_TOPICS[name])
-            else:
-                self._unknown.append(name)
 
     def _opened(self) -> RecordingWriter:
         """Return the writer; if the name is taken by another recorder, a number is added."""
@@ -345,30 +232,6 @@ class Recorder(Node):
                     raise
         raise RecordingError(f'expected a name for the recording, got {base} taken')
 
-    def _look(self) -> None:
-        """Subscribe to topics whose type has become known."""
-        types = dict(self.get_topic_names_and_types()) if self._unknown else {}
-        for name in list(self._unknown):
-            found = types.get(self.resolve_topic_name(name), [])
-            infos = self.get_publishers_info_by_topic(name) if found else []
-            if not infos:
-                continue
-            self._unknown.remove(name)
-            try:
-                kind = message_class(found[0])
-                definition_of(found[0])
-            except RecordingError as error:
-                self._refused.append(name)
-                logger_of(self).error(f'{name} is not recorded: {error}')
-                continue
-            self._subscribe(name, kind, subscription_qos(infos))
-
-    def _subscribe(self, name: str, kind: Any, profile: QoSProfile) -> None:
-        heard = subscribe(self, self._node, kind, name, profile)
-        alone = heard.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT
-        reliable, best_effort = (None, heard) if alone else (heard, None)
-        self._topics[name] = _Topic(name, kind, reliable, best_effort, alone)
-
     def _take(self) -> None:
         """Write the new messages in the order of their arrival."""
         if self._closed:
@@ -388,19 +251,14 @@ class Recorder(Node):
     def _write(self, topic: _Topic, received_ns: int, data: bytes) -> None:
         if topic.number is None:
             # Its publisher is known only now, with its quality of service.
-            topic.number = self._add_topic(topic)
-        stamped = 'header' in list(topic.kind.get_fields_and_field_types())[:1]
-        stamp_ns = messages.stamp_of_bytes(data) if stamped else received_ns
-        self.counts[topic.name].take(stamp_ns)
+            infos = self.get_publishers_info_by_topic(topic.name)
+            topic.number = self._writer.add_topic(
+                self.resolve_topic_name(topic.name),
+                topics.type_name_of(topic.kind),
+                [_recorded(one.qos_profile) for one in infos],
+            )
+        self.counts[topic.name] += 1
         self._writer.append(topic.number, received_ns, data)
-
-    def _add_topic(self, topic: _Topic) -> int:
-        type_name = topics.type_name_of(topic.kind)
-        profiles = [
-            _recorded(one.qos_profile) for one in self.get_publishers_info_by_topic(topic.name)
-        ]
-        name = self.resolve_topic_name(topic.name)
-        return self._writer.add_topic(name, type_name, profiles, definition_of(type_name))
 
     def _count_publishers(self, topic: _Topic) -> None:
         topic.most_publishers = max(topic.most_publishers, self.count_publishers(topic.name))
@@ -415,16 +273,15 @@ class Recorder(Node):
     def _hear_best_effort(self) -> None:
         """Subscribe best effort to topics that a reliable subscription does not receive."""
         for topic in self._topics.values():
-            name = self.resolve_topic_name(topic.name)
-            infos = self.get_publishers_info_by_topic(name)
             if topic.reliable is None:
                 continue
+            name = self.resolve_topic_name(topic.name)
+            infos = self.get_publishers_info_by_topic(name)
             topic.alone = bool(infos) and all(
                 one.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT for one in infos
             )
             if topic.alone and topic.best_effort is None:
-                profile = subscription_qos(infos)
-                topic.best_effort = taken_from(self._node, topic.kind, name, profile)
+                topic.best_effort = taken_from(self._node, topic.kind, name, qos.VIEW)
                 logger_of(self).warning(
                     f'{name} is published best effort: it is recorded, and messages may be lost'
                 )
@@ -440,8 +297,7 @@ class Recorder(Node):
                 resolved = self.resolve_topic_name(name)
                 logger_of(self).warning(f'{count} messages of {resolved} were lost so far')
         self._lost = lost
-        counts = {topic: count.messages for topic, count in self.counts.items()}
-        self._diagnostics.publish(recorder_health(self.path, counts, self._refused, self._lost))
+        self._diagnostics.publish(recorder_health(self.path, self.counts, self._lost))
 
     def _flush(self) -> None:
         if self._closed:
@@ -474,8 +330,7 @@ class Recorder(Node):
         except RecordingError as error:
             logger_of(self).error(str(error))
             return
-        total = sum(count.messages for count in self.counts.values())
-        logger_of(self).info(f'closed {self.path}: {total} messages')
+        logger_of(self).info(f'closed {self.path}: {sum(self.counts.values())} messages')
 
     def destroy_node(self) -> None:
         """Close the recording, then destroy the node."""

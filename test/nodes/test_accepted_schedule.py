@@ -60,8 +60,8 @@ def test_a_schedule_is_told_before_its_first_pulse_and_recorded(graph, running, 
     graph.wait_for(lambda: driver.count_subscribers(topics.PULSES) == 2)
     running.activate()
     assert running.ends().completed
-    graph.wait_for(lambda: recorder.counts[topics.PULSES].messages == 10)
-    graph.wait_for(lambda: recorder.counts[topics.ACCEPTED_SCHEDULE].messages == 1)
+    graph.wait_for(lambda: recorder.counts[topics.PULSES] == 10)
+    graph.wait_for(lambda: recorder.counts[topics.ACCEPTED_SCHEDULE] == 1)
     late = heard_by(graph, 'late')
     graph.wait_for(lambda: len(late) == 1)
     (told,) = early
@@ -97,8 +97,8 @@ def test_the_audit_log_vouches_for_the_pulses_of_a_recording(graph, running, tmp
     running.arm()
     assert running.ends().completed
     graph.wait_for(lambda: not running.driver._active)
-    graph.wait_for(lambda: recorder.counts[topics.PULSES].messages == 20)
-    graph.wait_for(lambda: recorder.counts[topics.FORCE].messages == 3)
+    graph.wait_for(lambda: recorder.counts[topics.PULSES] == 20)
+    graph.wait_for(lambda: recorder.counts[topics.FORCE] == 3)
     recorder.close()
     running.driver._audit.close()
     assert audit_findings(path, running.audit) == [('ok', '20 pulses as the driver gave them')]

@@ -117,14 +117,12 @@ def test_a_recorder_says_what_it_lacks(tmp_path: Path, monkeypatch: pytest.Monke
         monkeypatch.setattr(health_module.shutil, 'disk_usage', lambda _: usage)
 
     room(5_000_000_000)
-    assert recorder_health(tmp_path, {'force': 0}, [], {}).message == 'recording; no message yet'
-    fine = recorder_health(tmp_path, {'force': 3}, [], {})
+    assert recorder_health(tmp_path, {'force': 0}, {}).message == 'recording; no message yet'
+    fine = recorder_health(tmp_path, {'force': 3}, {})
     assert (fine.level, fine.message) == (DiagnosticStatus.OK, 'recording')
     assert fine.figures['messages of force'] == 3
-    lacking = recorder_health(tmp_path, {'force': 3}, ['jaw'], {})
-    assert (lacking.level, lacking.message) == (DiagnosticStatus.WARN, 'not recorded: jaw')
-    lossy = recorder_health(tmp_path, {'force': 3}, [], {'force': 7})
+    lossy = recorder_health(tmp_path, {'force': 3}, {'force': 7})
     assert (lossy.level, lossy.message) == (DiagnosticStatus.WARN, '7 messages of force lost')
     room(20_000_000)
-    full = recorder_health(tmp_path, {'force': 3}, [], {})
+    full = recorder_health(tmp_path, {'force': 3}, {})
     assert (full.level, full.message) == (DiagnosticStatus.WARN, '20 MB are left on the disk')

@@ -182,8 +182,8 @@ def test_the_simulation_runs_a_schedule_and_is_recorded(graph, load, tmp_path: P
     graph.wait_for(lambda: bool(estimates) and estimates[-1].pulses > 20)
     assert (estimates[-1].unit, estimates[-1].estimator) == ('N m', 'tracking')
     counts = nodes['recorder'].counts
-    graph.wait_for(lambda: counts['pulses'].messages == 40)
-    graph.wait_for(lambda: counts['accepted_schedule'].messages == 1)
+    graph.wait_for(lambda: counts['pulses'] == 40)
+    graph.wait_for(lambda: counts['accepted_schedule'] == 1)
     nodes['recorder'].close()
 
 

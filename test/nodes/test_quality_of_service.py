@@ -95,7 +95,7 @@ def test_a_recorder_hears_a_best_effort_sensor_without_being_told(
 
     def heard() -> bool:
         force.publish(sample)
-        return recorder.counts['force'].messages > 0
+        return recorder.counts['force'] > 0
 
     graph.wait_for(heard)
     said = ''.join(capfd.readouterr())

@@ -10,7 +10,7 @@ seen as a whole.
 from collections import Counter
 from collections.abc import Iterator
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,7 +18,13 @@ from rpms_ros.printable import told_apart
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, nanoseconds
 from rpms_ros.stimulation.limits.coil_temperature import CoilTemperature
 from rpms_ros.stimulation.limits.device_specification import DeviceSpecification
-from rpms_ros.stimulation.limits.limits import PulseLimiter, Refusal, too_quiet
+from rpms_ros.stimulation.limits.limits import (
+    DoseLimits,
+    Limits,
+    PulseLimiter,
+    Refusal,
+    too_quiet,
+)
 from rpms_ros.stimulation.schedule.schedule import Plan, Schedule
 
 CUTOUT = 'coil_cutout'
@@ -90,9 +96,36 @@ class Forecast:
         return float(self.temperature.max()) if len(self.temperature) else None
 
 
-def forecast(schedule: Schedule, specification: DeviceSpecification) -> Forecast:
-    """Return what ``schedule`` comes to on a rested device that was armed right before."""
-    return forecast_plan(schedule.plan, schedule.width_s, rested(specification))
+def forecast(
+    schedule: Schedule, specification: DeviceSpecification, dose: DoseLimits | None = None
+) -> Forecast:
+    """Return what ``schedule`` comes to on a rested device that was armed right before.
+
+    What a patient got before is not known here: the dose ledger counts it when it is run.
+    """
+    thermal = specification.thermal
+    trial = Trial(
+        PulseLimiter(specification.limits), CoilTemperature(thermal) if thermal else None, 0
+    )
+    ahead = forecast_plan(schedule.plan, schedule.width_s, trial)
+    more = () if dose is None else _over_dose(schedule.plan, specification.limits, dose)
+    return replace(ahead, violations=(*ahead.violations, *more))
+
+
+def _over_dose(plan: Plan, limits: Limits, dose: DoseLimits) -> Iterator[Violation]:
+    energy_j = np.cumsum(limits.pulse_energy_j * plan.intensity**2)
+    number = np.arange(1, len(plan) + 1)
+    for limit, total, most, unit in (
+        ('dose_pulses', number, dose.pulses, 'pulses'),
+        ('dose_energy_j', energy_j, dose.energy_j, 'J'),
+    ):
+        over = total > most
+        if over.any():
+            reason = (
+                f'expected at most {most:g} {unit} in {dose.window_h:g} h, got {total[-1]:.6g}'
+            )
+            time_s = float(plan.onset_ns[over.argmax()]) / NANOSECONDS_PER_SECOND
+            yield Violation(limit, reason, time_s, int(over.sum()))
 
 
 def forecast_plan(plan: Plan, width_s: float, trial: 'Trial', start_ns: int = 0) -> Forecast:
@@ -131,13 +164,6 @@ def forecast_plan(plan: Plan, width_s: float, trial: 'Trial', start_ns: int = 0)
     )
 
 
-def rested(specification: DeviceSpecification) -> 'Trial':
-    """Return a trial on a rested device that was armed right before."""
-    thermal = specification.thermal
-    coil = CoilTemperature(thermal) if thermal else None
-    return Trial(PulseLimiter(specification.limits), coil, 0)
-
-
 class Trial:
     """Copies of a limiter and of a coil that a plan runs through, pulse by pulse.
 
@@ -169,10 +195,6 @@ class Trial:
         self._limiter.tolerance_ns = 0
         self.waits_s: list[float] = []
         self.celsius: list[float] = []
-
-    def copied(self) -> 'Trial':
-        """Return a trial that goes on from here."""
-        return Trial(self._limiter, self._coil, self._active_ns)
 
     def refusals(self, plan: Plan, width_s: float, start_ns: int) -> Iterator[tuple[int, Refusal]]:
         """Book a plan that begins at ``start_ns`` [ns]; yield what stands against it.
