@@ -209,6 +209,7 @@ def _show(
         line = f'{elapsed:5.1f} s  nodes are starting; the first time they compile for minutes'
     else:
         last, counts = estimates[-1], launcher.recorder.counts
+        lost = launcher.recorder.lost.get('force', 0)
         found = '  '.join(
             f'{name} {value:.3g}'
             for name, value in zip(last.nonlinear_names, last.nonlinear, strict=True)
@@ -216,8 +217,8 @@ def _show(
         line = (
             f'{duration - status.time_left:5.1f} s  '
             f'curve error {100 * truth.error(last):5.1f} %  {found}  '
-            f'samples {counts["force"].messages} (lost {counts["force"].missing(FORCE_RATE)})  '
-            f'pulses {counts["pulses"].messages} (dropped {status.pulses_dropped})'
+            f'samples {counts["force"]} (lost {lost})  '
+            f'pulses {counts["pulses"]} (dropped {status.pulses_dropped})'
         )
     if sys.stdout.isatty():
         # a line that wraps could not be written over
@@ -261,7 +262,7 @@ def _report(
     print(f'  recording  {path}')
     print(f'  off line   rpms report {path} --estimator {estimator} --preset {preset}')
     faults = dict(launcher.monitor.estimates[-1].faults)
-    lost = launcher.recorder.counts['force'].missing(FORCE_RATE)
+    lost = launcher.recorder.lost.get('force', 0)
     print(f'  samples    {len(recording.forces)}, lost {lost}; faults {faults or "none"}')
     agreement = compare(launcher.monitor.estimates, session.estimates)
     print(f'  replay     {agreement}')

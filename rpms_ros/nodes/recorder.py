@@ -188,7 +188,7 @@ class Recorder(Node):
         self._closed = False
         self.counts = dict.fromkeys(self.settings.topics, 0)
         self._topics: dict[str, _Topic] = {}
-        self._lost: dict[str, int] = {}
+        self._told: dict[str, int] = {}
         # an open recording is ended properly, whatever fails from here on
         self._parts.callback(self.close)
         self._diagnostics = DiagnosticsPublisher(
@@ -198,20 +198,25 @@ class Recorder(Node):
             kind, profile = _TOPICS[name]
             heard = subscribe(self, self._node, kind, name, profile)
             alone = heard.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT
-            both = (None, heard) if alone else (heard, None)
-            self._topics[name] = _Topic(name, kind, *both, alone)
+            reliable, best_effort = (None, heard) if alone else (heard, None)
+            self._topics[name] = _Topic(name, kind, reliable, best_effort, alone)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_LISTENING_PERIOD, self._take, clock=steady)
         self.create_timer(FLUSH_PERIOD_S, self._flush, clock=steady)
         self.create_timer(PERIOD_S, self._report, clock=steady)
         warn_of_unused(self)
-        heard = ', '.join(self.resolve_topic_name(name) for name in self.counts)
-        logger_of(self).info(f'recording to {self.path}: {heard}')
+        names = ', '.join(self.resolve_topic_name(name) for name in self.counts)
+        logger_of(self).info(f'recording to {self.path}: {names}')
 
     @property
     def path(self) -> Path:
         """Folder of the recording."""
         return self._writer.path
+
+    @property
+    def lost(self) -> dict[str, int]:
+        """Messages that are missing in the numbers of their publisher, by topic."""
+        return {topic.name: topic.lost for topic in self._topics.values() if topic.lost}
 
     def _opened(self) -> RecordingWriter:
         """Return the writer; if the name is taken by another recorder, a number is added."""
@@ -273,9 +278,9 @@ class Recorder(Node):
     def _hear_best_effort(self) -> None:
         """Subscribe best effort to topics that a reliable subscription does not receive."""
         for topic in self._topics.values():
+            name = self.resolve_topic_name(topic.name)
             if topic.reliable is None:
                 continue
-            name = self.resolve_topic_name(topic.name)
             infos = self.get_publishers_info_by_topic(name)
             topic.alone = bool(infos) and all(
                 one.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT for one in infos
@@ -291,13 +296,12 @@ class Recorder(Node):
         if self._closed:
             return
         self._hear_best_effort()
-        lost = {topic.name: topic.lost for topic in self._topics.values() if topic.lost}
-        for name, count in lost.items():
-            if count != self._lost.get(name):
+        before, self._told = self._told, self.lost
+        for name, count in self._told.items():
+            if count != before.get(name):
                 resolved = self.resolve_topic_name(name)
                 logger_of(self).warning(f'{count} messages of {resolved} were lost so far')
-        self._lost = lost
-        self._diagnostics.publish(recorder_health(self.path, self.counts, self._lost))
+        self._diagnostics.publish(recorder_health(self.path, self.counts, self._told))
 
     def _flush(self) -> None:
         if self._closed:

@@ -150,7 +150,7 @@ def test_what_a_full_queue_loses_is_counted(graph, tmp_path: Path) -> None:
     source.send(depth + 100)
     graph.wait_for(lambda: recorder.counts['force'] == 1 + depth)
     recorder._report()
-    assert recorder._lost == {'force': 100}
+    assert recorder.lost == {'force': 100}
     recorder.close()
     lines = [str(one.text) for one in verify(tmp_path / 'session') if one.state == 'FAULT']
     assert '100 messages of /force were lost' in lines
