@@ -364,6 +364,13 @@ class ChangeWatch(Restorable):
         """Whether a possible change is not decided yet."""
         return self._alarm_ns is not None
 
+    def explained_from(self, first_ns: int) -> int:
+        """Return the first sample that is to be explained, of a window from `first_ns` on [ns].
+
+        Earlier than the window's if the kind of a change may still be corrected.
+        """
+        return first_ns if self._named is None else min(first_ns, self._named.before.stamp_ns)
+
     def remember(self, snapshot: Snapshot) -> None:
         """Keep a snapshot of the fit."""
         self._snapshots.append(snapshot)

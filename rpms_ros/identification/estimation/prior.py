@@ -183,6 +183,11 @@ class Knowledge:
     information: FloatArray
     reference: FloatArray
 
+    @property
+    def has_result(self) -> bool:
+        """Whether there is a result of samples before the window."""
+        return bool(self.information.any())
+
     def about(self, point: Point, ridge: float) -> 'Terms':
         """Return what is known at a point, whatever the scales.
 
@@ -263,7 +268,7 @@ class Knowledge:
 
         `size` is the norm of w; a share of it is added as the error of the conversion.
         """
-        if not self.information.any():
+        if not self.has_result:
             return self
         both = np.eye(len(self.reference))
         both[NONLINEAR:, NONLINEAR:] = matrix

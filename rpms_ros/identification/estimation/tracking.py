@@ -658,7 +658,8 @@ class TrackingEstimator(ProjectionEstimator):
         if first == size:
             return
         memory_ns = round(self._basis.duration * NANOSECONDS_PER_SECOND)
-        dropped = int(np.searchsorted(start_ns, int(start_ns[first]) - memory_ns))
+        begin_ns = self._watch.explained_from(int(start_ns[first]))
+        dropped = int(np.searchsorted(start_ns, begin_ns - memory_ns))
         dropped = max(min(max(dropped, surplus), first), 0)
         if dropped:
             blocks.head[0] = (head + dropped) % capacity

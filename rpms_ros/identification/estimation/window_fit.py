@@ -40,6 +40,7 @@ from rpms_ros.identification.estimation.window_equations import (
     unknowns_of,
 )
 from rpms_ros.identification.model.recruitment import (
+    DEVIATION,
     NONLINEAR,
     PARAMETERS,
     coordinates,
@@ -472,12 +473,15 @@ _DEVIATIONS = {
     for size in range(len(SIZES))
     for length in range(len(LENGTHS))
 }
+_NO_PRIOR: FloatArray = np.full(DEVIATION.stop - PARAMETERS, np.inf)
 
 
 def _solution(at: _Linearised, reduced: Reduced, scales: Scales) -> _Solution | None:
     """Solve for the step; None if the equations are not positive."""
     widths = np.array([CHANGES[scales.gain], CHANGES[scales.slowing], DRIFTS[scales.slope]])
-    variance = _DEVIATIONS[scales.size, scales.length]
+    # an earlier result holds the prior of the deviation already
+    earlier = at.knowledge.has_result
+    variance = _NO_PRIOR if earlier else _DEVIATIONS[scales.size, scales.length]
     hessian, right = reduced.matrix.copy(), reduced.right.copy()
     try:
         cost, logarithm = added(at.terms, widths, variance, hessian, right)
@@ -522,7 +526,8 @@ def _grids(window: Window, knowledge: Knowledge) -> list[tuple[str, FloatArray]]
     """Return names and grids of the scales that samples may choose, but for the disturbance's."""
     changes = [('gain', CHANGES), ('slowing', CHANGES), ('slope', DRIFTS)]
     shape = [('size', SIZES), ('length', LENGTHS)]
-    return (changes if window.spacing < CONSTANT else []) + (shape if knowledge.any_shape else [])
+    free = knowledge.any_shape and not knowledge.has_result
+    return (changes if window.spacing < CONSTANT else []) + (shape if free else [])
 
 
 def _best_scales(

@@ -97,7 +97,7 @@ def test_a_moved_coil_is_found_named_and_followed(living_sessions, excitation):
     changes = np.array([one.changes for one in estimates])
     assert changes[session.noted_s <= 40.0].max() == 0
     # a slow sinusoid shows it later: half a second of deliberation comes after
-    assert changes[session.noted_s >= (41.0 if excitation == 'random' else 42.0)].min() == 1
+    assert changes[session.noted_s >= (41.0 if excitation == 'random' else 41.5)].min() == 1
     last = estimates[-1]
     assert last.change_kinds == ('thresholds',)
     assert last.change_ago[0] == pytest.approx(8.0, abs=0.5)
@@ -125,7 +125,7 @@ def test_a_change_that_is_named_wrongly_does_not_keep_the_muscle_wrong(living_se
     session = living_sessions.session('slower', 'sinusoid', 9, 50.0)
     _, estimates = run(session)
     # eight seconds after the change; 1 % is asked for after a move of the coil
-    assert errors(session, estimates)[session.noted_s > 48.0].max() < 0.03
+    assert errors(session, estimates)[session.noted_s > 48.0].max() < 0.01
 
 
 def test_voluntary_effort_is_not_the_muscle(living_sessions):
