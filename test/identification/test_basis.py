@@ -11,30 +11,10 @@ from scipy.integrate import trapezoid
 
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification import DistortedSineBasis
-from rpms_ros.muscle import twitch
 
 
 def taps_of(basis: DistortedSineBasis) -> np.ndarray:
     return basis.tap * np.arange(1, basis.memory_taps + 1)
-
-
-@settings(deadline=None, max_examples=60)
-@given(st.integers(1, 10), st.integers(100, 600), st.floats(0.1, 0.5))
-def test_orthonormal_on_the_taps(functions: int, memory: int, share: float) -> None:
-    basis = DistortedSineBasis(functions, memory, share * memory)
-    values = basis.evaluate(taps_of(basis))
-    # Cholesky of a Gram matrix whose condition number stays below 1e6 in this range: 1e6 epsilon
-    np.testing.assert_allclose(values.T @ values, np.eye(functions), atol=1e-9)
-
-
-def test_functions_are_those_of_the_paper_before_they_are_mixed() -> None:
-    basis = DistortedSineBasis(4, 350, 120.0)
-    taps = np.arange(1, 351)
-    order = np.arange(1, 5)[:, np.newaxis]
-    raw = np.sin(order * np.pi * (1 - np.exp(-(taps - 0.5) / 120.0))) / math.sqrt(350 / 2)
-    expected = np.linalg.solve(np.linalg.cholesky(raw @ raw.T), raw)
-    # rounding of a few hundred operations on numbers below 1
-    np.testing.assert_allclose(basis.evaluate(taps_of(basis)).T, expected, atol=1e-11)
 
 
 def test_area_is_the_integral() -> None:
@@ -73,28 +53,6 @@ def test_it_vanishes_outside_its_support() -> None:
     basis = DistortedSineBasis()
     outside = basis.evaluate([-0.1, 0.0, 0.5e-3, basis.duration + 1e-6, 10.0])
     np.testing.assert_array_equal(outside, 0.0)
-
-
-@pytest.mark.parametrize(
-    ('time_constant', 'form_factor', 'error'),
-    [
-        (26.7e-3, 45.0, 0.017),
-        (26.7e-3, 100.0, 0.006),
-        (38.44e-3, 45.0, 0.12),
-        (38.44e-3, 120.0, 0.0060),
-        (49.8e-3, 120.0, 0.010),
-    ],
-)
-def test_how_well_it_holds_the_twitch(
-    time_constant: float, form_factor: float, error: float
-) -> None:
-    basis = DistortedSineBasis(form_factor=form_factor)
-    taps = taps_of(basis)
-    target = twitch(taps, time_constant)
-    values = basis.evaluate(taps)
-    residual = target - values @ (values.T @ target)
-    # the figures are known to two digits
-    assert np.linalg.norm(residual) / np.linalg.norm(target) == pytest.approx(error, rel=0.1)
 
 
 @pytest.mark.parametrize(

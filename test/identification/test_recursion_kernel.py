@@ -15,12 +15,8 @@ from rpms_ros.identification import (
     RecruitmentBounds,
     RecursiveSettings,
 )
-from rpms_ros.identification.recursion.paper_kernel import _plain_derivative, _update_linear, mix
+from rpms_ros.identification.recursion.paper_kernel import _plain_derivative, mix
 from rpms_ros.muscle.recruitment import RecruitmentParameters, identified_recruitment
-
-
-def estimator_of(**changes: object) -> ModifiedRecursiveLM:
-    return ModifiedRecursiveLM(replace(TABLE_4, **changes), seed=1)
 
 
 @pytest.mark.parametrize(
@@ -84,27 +80,3 @@ def test_the_derivative_is_that_of_central_differences() -> None:
         expected = (output(theta + step) - output(theta - step)) / 2e-5
         # what epsilon becomes when it is divided by the step of 1e-5
         assert derivative[place] == pytest.approx(expected, rel=1e-7, abs=1e-8)
-
-
-def test_the_projection_is_the_one_of_all_samples_at_once() -> None:
-    generator = np.random.default_rng(4)
-    samples, forgetting = 60, 0.95
-    phi, psi, force = (generator.normal(size=(samples, n)) for n in (8, 3, 1))
-    state = estimator_of(linear_covariance=1e12)._state
-    for row in range(samples):
-        gain = state.covariance @ phi[row]
-        innovation = psi[row] - state.projection @ phi[row]
-        error = float(force[row, 0] - state.linear @ phi[row])
-        denominator = forgetting + float(phi[row] @ gain)
-        _update_linear(state, gain, innovation, error, denominator, forgetting)
-    weight = forgetting ** np.arange(samples - 1, -1, -1.0)
-    gram = phi.T @ (weight[:, np.newaxis] * phi)
-    # a start of 1e12 instead of infinity, eroded by subtraction: 1e12 epsilon and its inverse
-    np.testing.assert_allclose(
-        state.projection.T, np.linalg.solve(gram, phi.T @ (weight[:, np.newaxis] * psi)), atol=1e-3
-    )
-    np.testing.assert_allclose(
-        state.linear, np.linalg.solve(gram, phi.T @ (weight * force[:, 0])), atol=1e-3
-    )
-    np.testing.assert_allclose(state.covariance, np.linalg.inv(gram), atol=1e-3)
-    np.testing.assert_array_equal(state.covariance, state.covariance.T)

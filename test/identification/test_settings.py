@@ -12,29 +12,9 @@ from rpms_ros.identification import (
     TABLE_4,
     TABLE_5,
     RecruitmentBounds,
-    RecursiveSettings,
     settings_by_name,
 )
 from rpms_ros.muscle.recruitment import RecruitmentParameters
-
-
-@pytest.mark.parametrize(
-    ('table', 'forgetting', 'form_factor', 'start'),
-    [(TABLE_4, 0.99, 120.0, (0.4, 0.9, 3.0, 6.0)), (TABLE_5, 0.999, 45.0, (0.4, 0.9, 10.0, 6.0))],
-)
-def test_the_tables(table: RecursiveSettings, forgetting, form_factor, start) -> None:
-    assert table.damping == 0.001
-    assert table.hessian_scale == 0.0001
-    assert table.forgetting == forgetting
-    assert table.damping_factor == 1.002
-    assert table.gain_ratio_margin == 0.02
-    assert table.condition_limit == 1000.0
-    assert table.damping_increment == 0.01
-    assert table.basis.form_factor == form_factor
-    assert table.basis.memory_taps == 350
-    assert table.basis.functions == 8
-    assert table.start == start
-    assert table.projected
 
 
 def test_presets_by_name() -> None:

@@ -19,11 +19,6 @@ shapes = st.builds(
 )
 
 
-def test_table_3_begins_at_zero_and_ends_at_one() -> None:
-    # The table is rounded to three digits.
-    np.testing.assert_allclose(IntensityRecruitment()([0.0, 1.0]), [0.0, 1.0], atol=3e-4)
-
-
 def test_table_3_by_rate() -> None:
     # Four digits, as the expected values are given.
     expected = [-0.0004, 0.7849, 0.9990, 1.3819]

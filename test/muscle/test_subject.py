@@ -8,29 +8,15 @@ from hypothesis import given, strategies as st
 
 from rpms_ros.muscle import (
     SUBJECTS,
-    Modality,
     RecruitmentParameters,
     average_subject,
     identified_recruitment,
-    random_subject,
     simulation_subject,
     steady_mean,
     subject_by_name,
 )
 
 EVERY_INTENSITY = np.linspace(0.0, 1.0, 101)
-
-
-@pytest.mark.parametrize(
-    ('name', 'time_constant', 'latency'),
-    [('rpms', 38.44e-3, 9.45e-3), ('fes', 36.62e-3, 24.4e-3), ('simulation', 38.44e-3, 0.0)],
-)
-def test_presets(name: str, time_constant: float, latency: float) -> None:
-    subject = subject_by_name(name)
-    assert subject.time_constant == time_constant
-    assert subject.latency == latency
-    assert subject.order == 3
-    assert subject_by_name(name) == subject
 
 
 def test_the_simulation_is_a_plant_of_the_identified_form() -> None:
@@ -65,27 +51,3 @@ def test_slow_pulses_weigh_all_the_same(rate_hz: float) -> None:
     assert subject.steady_force(0.8, rate_hz) == pytest.approx(
         float(subject.steady_force(0.8, 15.0)) * rate_hz / 15.0, rel=1e-13
     )
-
-
-@pytest.mark.parametrize(
-    ('modality', 'latency', 'time_constant'),
-    [
-        (Modality.MAGNETIC, (6.28e-3, 14.63e-3), (26.71e-3, 49.81e-3)),
-        (Modality.ELECTRICAL, (20.83e-3, 28.24e-3), (22.58e-3, 53.22e-3)),
-    ],
-)
-@given(seed=st.integers(0, 2**32 - 1))
-def test_random_subjects_stay_within_the_tables(
-    seed: int,
-    modality: Modality,
-    latency: tuple[float, float],
-    time_constant: tuple[float, float],
-) -> None:
-    subject = random_subject(np.random.default_rng(seed), modality)
-    assert latency[0] <= subject.latency <= latency[1]
-    assert time_constant[0] <= subject.time_constant <= time_constant[1]
-    assert 0.45 <= subject.recruitment.threshold <= 0.70
-    assert 0.80 <= subject.recruitment.saturation <= 1.00
-    assert 4.5 <= subject.recruitment.threshold_slope <= 7.0
-    assert 3.5 <= subject.recruitment.saturation_slope <= 17.0
-    assert 5.0 <= subject.maximum_force <= 50.0

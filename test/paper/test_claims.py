@@ -124,23 +124,24 @@ def batch(
     return Batch(found.x, norm_ratio(error, force), curve_error(subject, curve))
 
 
-def test_the_floor_of_table_4_with_random_intensities() -> None:
-    found = batch(simulation_subject(), random_train(1), DistortedSineBasis())
-    # The floor depends a little on the intensities that were drawn.
-    assert 0.0045 < found.output_error < 0.0065
-    assert found.curve_error < 0.005
-
-
-def test_the_floor_of_table_4_with_the_sinusoid() -> None:
-    found = batch(simulation_subject(), sinusoidal_train(), DistortedSineBasis())
-    assert 0.0005 < found.output_error < 0.0009
-    assert found.curve_error < 0.001
-
-
-def test_sixteen_functions_over_600_ms_lower_the_floor() -> None:
-    found = batch(simulation_subject(), random_train(1), DistortedSineBasis(16, 600))
-    assert 0.0005 < found.output_error < 0.0007
-    np.testing.assert_allclose(found.theta, [0.48, 0.98, 4.0], rtol=0.01)
+@pytest.mark.parametrize(
+    ('train', 'size', 'least', 'most', 'curve'),
+    [
+        # The floor depends a little on the intensities that were drawn.
+        (random_train(1), (8, 350), 0.0045, 0.0065, 0.005),
+        (sinusoidal_train(), (8, 350), 0.0005, 0.0009, 0.001),
+        (random_train(1), (16, 600), 0.0005, 0.0007, 0.005),
+    ],
+    ids=['random', 'sinusoid', 'random, 16 functions over 600 ms'],
+)
+def test_the_floor_of_table_4(
+    train: PulseTrain, size: tuple[int, int], least: float, most: float, curve: float
+) -> None:
+    found = batch(simulation_subject(), train, DistortedSineBasis(*size))
+    assert least < found.output_error < most
+    assert found.curve_error < curve
+    if size[0] == 16:
+        np.testing.assert_allclose(found.theta, [0.48, 0.98, 4.0], rtol=0.01)
 
 
 @pytest.mark.parametrize(
@@ -195,24 +196,25 @@ def test_table_4_converges_within_36_s_to_the_floor() -> None:
     assert results[:, 0].max() < 0.08
 
 
-def test_with_the_sinusoid_the_error_is_below_a_thousandth() -> None:
+# whatever the first Hessian
+@pytest.mark.parametrize(
+    'seed', [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in range(1, 21))]
+)
+def test_with_the_sinusoid_the_error_is_below_a_thousandth(seed: int) -> None:
     # Only the output: how far the curve drifts where the intensity is low hangs on the rounding.
-    _, output = recursion(TABLE_4, sinusoidal_train(), 0)
+    _, output = recursion(TABLE_4, sinusoidal_train(), seed)
     assert output < 0.001
 
 
-def test_the_plain_derivative_loses_the_curve_under_the_sinusoid() -> None:
+def test_the_plain_derivative_loses_the_curve_under_the_sinusoid_alone() -> None:
     curve, output = recursion(replace(TABLE_4, projected=False), sinusoidal_train(), 0)
     assert curve > 0.3
     # Linear parameters that forget within 0.1 s hide it: the output error is small all the same.
     assert output < 0.01
-
-
-@pytest.mark.parametrize('seed', [1, 2])
-def test_the_plain_derivative_copes_with_random_intensities(seed: int) -> None:
-    curve, output = recursion(replace(TABLE_4, projected=False), random_train(seed), seed)
-    assert curve < 0.08
-    assert output < 0.006
+    for seed in (1, 2):
+        curve, output = recursion(replace(TABLE_4, projected=False), random_train(seed), seed)
+        assert curve < 0.08
+        assert output < 0.006
 
 
 def test_table_5_identifies_the_average_subject() -> None:

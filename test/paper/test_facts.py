@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from rpms_ros.muscle import (
-    IntensityRecruitment,
     RateRecruitment,
     random_subject,
     steady_mean,
@@ -19,12 +18,6 @@ from rpms_ros.muscle import (
 
 T_A = 38.44e-3
 T_S = 1e-3
-
-
-def test_the_twitch_peaks_at_two_time_constants() -> None:
-    time = np.linspace(0.0, 0.3, 300_001)
-    # The grid is 1 us wide.
-    assert time[np.argmax(twitch(time, T_A))] == pytest.approx(2 * T_A, abs=1e-6)
 
 
 def test_sum_of_a_twitch() -> None:
@@ -42,18 +35,6 @@ def test_mean_of_the_summed_response_at_20_hz() -> None:
     assert last_period.mean() == pytest.approx(2.8404, abs=5e-5)
 
 
-@pytest.mark.parametrize(('intensity', 'expected'), [(0.0, 0.0002), (1.0, 0.9997)])
-def test_recruitment_by_intensity(intensity: float, expected: float) -> None:
-    assert IntensityRecruitment()(intensity) == pytest.approx(expected, abs=5e-5)
-
-
-@pytest.mark.parametrize(
-    ('rate_hz', 'expected'), [(0.0, -0.0004), (15.0, 0.7849), (20.0, 0.9990), (35.0, 1.3819)]
-)
-def test_recruitment_by_rate(rate_hz: float, expected: float) -> None:
-    assert RateRecruitment()(rate_hz) == pytest.approx(expected, abs=5e-5)
-
-
 def test_the_extrapolated_weight_of_a_slow_pulse_is_spoiled_by_rounding() -> None:
     rate = RateRecruitment()
     raw = [float(rate(value) / value) for value in (1.0, 0.01, 0.001)]
@@ -63,15 +44,11 @@ def test_the_extrapolated_weight_of_a_slow_pulse_is_spoiled_by_rounding() -> Non
     np.testing.assert_allclose(1e3 * kept, 52.33, atol=0.005)
 
 
-def test_doublet_at_the_refractory_period() -> None:
-    rate = RateRecruitment()
-    # The share of a lone pulse's weight that a second one has a millisecond later.
-    assert rate.per_pulse(1000.0) / rate.per_pulse(0.0) == pytest.approx(0.0297, abs=5e-5)
-
-
-def test_first_pulse_of_a_train_at_20_hz_weighs_more() -> None:
+def test_weights_of_the_first_pulse_of_a_train_and_of_a_doublet() -> None:
     rate = RateRecruitment()
     assert rate.per_pulse(0.0) / rate.per_pulse(20.0) == pytest.approx(1.048, abs=5e-4)
+    # The share of a lone pulse's weight that a second one has a millisecond later.
+    assert rate.per_pulse(1000.0) / rate.per_pulse(0.0) == pytest.approx(0.0297, abs=5e-5)
 
 
 def test_share_of_random_shapes_that_are_drawn_again() -> None:
