@@ -35,7 +35,7 @@ import pytest
 import rpms_ros
 
 if TYPE_CHECKING:
-    from rclpy.context import Context
+    pass
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [
@@ -105,18 +105,18 @@ class Fence:
         return commands
 
 
-def fences(path: Path) -> Iterator[Fence]:
+def fences(path) -> Iterator[Fence]:
     for found in FENCE.finditer(path.read_text(encoding='utf-8')):
         body = re.sub(f'^{found["indent"]}', '', found['body'], flags=re.MULTILINE)
         yield Fence(found['kind'].strip(), body, found['comment'] or '')
 
 
-def name_of(path: Path) -> str:
+def name_of(path) -> str:
     return str(path.relative_to(ROOT))
 
 
 @pytest.fixture(scope='module')
-def examples(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def examples(tmp_path_factory) -> Path:
     """What the pages call by a name of the reader: a session and a table."""
     folder = tmp_path_factory.mktemp('examples')
     session = rpms_ros.simulate(duration=8.0, noise=0.02)
@@ -133,7 +133,7 @@ def examples(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def scratch(tmp_path: Path, examples: Path) -> Path:
+def scratch(tmp_path, examples) -> Path:
     """A folder like that of the repository, in which a reader may write."""
     for name in SHARED:
         (tmp_path / name).symlink_to(ROOT / name)
@@ -145,7 +145,7 @@ def scratch(tmp_path: Path, examples: Path) -> Path:
 
 
 @pytest.fixture
-def on_the_graph(context: 'Context') -> Iterator[Callable[[str], bool]]:
+def on_the_graph(context) -> Iterator[Callable[[str], bool]]:
     """Tell whether a node of a name is on the graph of the test's domain."""
     from rclpy.node import Node
 
@@ -154,7 +154,7 @@ def on_the_graph(context: 'Context') -> Iterator[Callable[[str], bool]]:
     looker.destroy_node()
 
 
-def environment(folder: Path, domain: int) -> dict[str, str]:
+def environment(folder, domain) -> dict[str, str]:
     return {
         **os.environ,
         'PATH': f'{sysconfig.get_path("scripts")}:{os.environ["PATH"]}',
@@ -165,9 +165,7 @@ def environment(folder: Path, domain: int) -> dict[str, str]:
     }
 
 
-def ends_well(
-    command: list[str], folder: Path, variables: dict[str, str], statuses: tuple[int, ...]
-) -> None:
+def ends_well(command, folder, variables, statuses) -> None:
     done = subprocess.run(
         command,
         cwd=folder,
@@ -181,13 +179,7 @@ def ends_well(
     assert 'Traceback' not in done.stderr, f'{command[-1]}\n{done.stderr}'
 
 
-def runs_until_stopped(
-    command: str,
-    seconds: int,
-    folder: Path,
-    variables: dict[str, str],
-    there: Callable[[str], bool],
-) -> None:
+def runs_until_stopped(command, seconds, folder, variables, there) -> None:
     """Start a node, interrupt it some seconds after it is on the graph; it must not end before."""
     name, end = Path(command.split()[0]).name, time.monotonic() + TIMEOUT
     # one of its name may be left from the command before
@@ -219,9 +211,7 @@ def runs_until_stopped(
 @pytest.mark.long
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize('path', [p for p in PAGES if any(f.run for f in fences(p))], ids=name_of)
-def test_a_page_runs_as_it_is_written(
-    path: Path, scratch: Path, domain: int, on_the_graph: Callable[[str], bool]
-) -> None:
+def test_a_page_runs_as_it_is_written(path, scratch, domain, on_the_graph):
     variables = environment(scratch, domain)
     for fence in fences(path):
         if fence.file is not None:
@@ -242,7 +232,7 @@ def test_a_page_runs_as_it_is_written(
 
 
 @pytest.mark.parametrize('path', PAGES, ids=name_of)
-def test_every_fence_says_what_it_holds(path: Path) -> None:
+def test_every_fence_says_what_it_holds(path):
     for fence in fences(path):
         directive = re.fullmatch(r'\{[\w-]+\}.*', fence.kind)
         assert fence.kind in KNOWN or directive, f'{fence.kind!r}: {fence.body[:60]}'
@@ -252,15 +242,13 @@ def test_every_fence_says_what_it_holds(path: Path) -> None:
     assert not re.findall(r'^    (?:rpms|make|ros2|pip|python|colcon) .*$', text, re.MULTILINE)
 
 
-def test_the_commands_of_the_readme_are_found() -> None:
+def test_the_commands_of_the_readme_are_found():
     found = [command for fence in fences(ROOT / 'README.md') for command, _ in fence.commands()]
     assert sum('rpms identify bags/sample' in command for command in found) == 1
     assert any(command.startswith('make demo') for command in found)
 
 
-def test_a_command_that_fails_is_noticed(
-    scratch: Path, domain: int, on_the_graph: Callable[[str], bool]
-) -> None:
+def test_a_command_that_fails_is_noticed(scratch, domain, on_the_graph):
     variables = environment(scratch, domain)
     with pytest.raises(AssertionError, match='expected a recording at nowhere'):
         ends_well(['bash', '-c', 'rpms info nowhere'], scratch, variables, (0,))

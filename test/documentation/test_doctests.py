@@ -17,7 +17,7 @@ MODULES = [
 
 
 @pytest.mark.parametrize('module', MODULES)
-def test_examples(module: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_examples(module, monkeypatch):
     # examples name files as somebody in the repository does
     monkeypatch.chdir(ROOT)
     failed, attempted = doctest.testmod(importlib.import_module(module))

@@ -29,14 +29,14 @@ LINK = re.compile(
 )
 
 
-def links(path: Path) -> Iterator[tuple[bool, str]]:
+def links(path) -> Iterator[tuple[bool, str]]:
     text = re.sub(r'^```.*?^```', '', path.read_text(encoding='utf-8'), flags=re.M | re.S)
     for found in LINK.finditer(text):
         if found['path']:
             yield bool(found['image']), found['path']
 
 
-def module(name: str) -> ModuleType:
+def module(name) -> ModuleType:
     """Import a script of the folder docs."""
     specification = importlib.util.spec_from_file_location(f'docs_{name}', DOCS / f'{name}.py')
     assert specification is not None
@@ -56,7 +56,7 @@ def drawn() -> set[str]:
 
 
 @pytest.mark.parametrize('path', PAGES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_links_lead_somewhere(path: Path) -> None:
+def test_links_lead_somewhere(path):
     for image, target in links(path):
         place = path.parent / target
         made = image and place.resolve().parent == DOCS / 'figures' and place.name in drawn()
@@ -64,13 +64,13 @@ def test_links_lead_somewhere(path: Path) -> None:
         assert made or place.exists(), target
 
 
-def test_the_list_of_decisions_names_every_page_once() -> None:
+def test_the_list_of_decisions_names_every_page_once():
     folder = DOCS / 'decisions'
     listed = [target for _, target in links(folder / 'README.md')]
     assert sorted(listed) == sorted({path.name for path in folder.glob('*.md')} - {'README.md'})
 
 
-def test_the_reference_holds_every_command_parameter_and_message() -> None:
+def test_the_reference_holds_every_command_parameter_and_message():
     environment = dict(os.environ)
     pages = dict(module('generate').pages())
     # a width left behind would fold the tables of other tests

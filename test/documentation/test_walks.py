@@ -20,14 +20,14 @@ PLACE = re.compile(r'`((?:test|docs|rpms_ros|msg_defs|identification|tools)/[\w/
 
 
 @pytest.mark.parametrize('title', WALKS)
-def test_every_file_is_there(title: str) -> None:
+def test_every_file_is_there(title):
     for place in PLACE.findall(WALKS[title]):
         folder = ROOT / 'rpms_ros' if place.startswith('identification/') else ROOT
         assert list(folder.glob(place)), place
 
 
 @pytest.mark.parametrize('title', WALKS)
-def test_every_dotted_name_is_there(title: str) -> None:
+def test_every_dotted_name_is_there(title):
     for name in re.findall(r'`(rpms_ros(?:\.\w+)+)`', WALKS[title]):
         if name in (catalogue.GROUP, sensor_checks.GROUP, registry.GROUP):
             continue
@@ -35,7 +35,7 @@ def test_every_dotted_name_is_there(title: str) -> None:
         assert hasattr(importlib.import_module(module), member), name
 
 
-def test_groups_and_options_are_named() -> None:
+def test_groups_and_options_are_named():
     estimator, monitor = WALKS['A new estimator'], WALKS['A new monitor']
     assert f'"{catalogue.GROUP}"' in estimator
     assert f'`{sensor_checks.GROUP}`' in monitor

@@ -34,12 +34,12 @@ def record() -> Record:
 
 
 @pytest.fixture(scope='session')
-def numpy_recursion(module_at: Callable[[Path], ModuleType]) -> ModuleType:
+def numpy_recursion(module_at) -> ModuleType:
     """The plain version of the recursion, which stands beside the benchmarks."""
     return module_at(Path(__file__).parents[2] / 'bench' / 'numpy_recursion.py')
 
 
 @pytest.fixture(scope='session')
-def living_sessions(beside: Callable[[str], ModuleType]) -> ModuleType:
+def living_sessions(beside) -> ModuleType:
     """The module of sessions in the folder of all tests: `session`, `SUBJECT`."""
     return beside('living_sessions')

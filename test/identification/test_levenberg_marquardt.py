@@ -6,10 +6,18 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from hypothesis import given, strategies as st
+from hypothesis.extra.numpy import arrays
 from numba.extending import register_jitable
 from scipy.optimize import least_squares
 
-from rpms_ros.identification.model.levenberg_marquardt import Ending, bounded_step, minimiser
+from rpms_ros.identification.model.levenberg_marquardt import (
+    Ending,
+    bounded_step,
+    condition_number,
+    minimiser,
+    solve_positive,
+)
 from rpms_ros.identification.recursion import people_kernel
 
 TIME = np.linspace(0.0, 2.0, 41)
@@ -146,3 +154,43 @@ def test_what_is_compiled_for_a_model_is_kept_apart_from_other_models():
     """numba's index of a function is read as a whole, with the types of all who used it."""
     names = {compiled.py_func.__qualname__ for compiled in (fit_decay, people_kernel.improve)}
     assert names == {f'minimise.{linearise.__module__}', f'minimise.{people_kernel.__name__}'}
+
+
+squares = st.integers(1, 5).flatmap(
+    lambda n: arrays(np.float64, (n, n), elements=st.floats(-9, 9))
+)
+
+
+@given(squares)
+def test_solve(square):
+    matrix = square @ square.T + np.eye(len(square))
+    vector = np.arange(1.0, len(square) + 1)
+    solution = vector.copy()
+    assert solve_positive(matrix.copy(), solution)
+    # condition number up to 5 * 5 * 81: 2000 epsilon and some
+    np.testing.assert_allclose(matrix @ solution, vector, atol=1e-10)
+
+
+@pytest.mark.parametrize('diagonal', [[1.0, -1.0], [0.0, 1.0], [float('nan'), 1.0]])
+def test_what_is_not_positive_gives_no_step(diagonal):
+    vector = np.ones(2)
+    assert not solve_positive(np.diag(diagonal), vector)
+    np.testing.assert_array_equal(vector, 0.0)
+
+
+@given(squares)
+def test_condition_number(square):
+    matrix = square + square.T + 0.5 * np.eye(len(square))
+    singular = np.linalg.svd(matrix, compute_uv=False)
+    before = matrix.copy()
+    found = condition_number(matrix, np.empty_like(matrix))
+    if singular[0] < 1e6 * singular[-1]:
+        # the smallest singular value is known to epsilon times the largest: 1e-16 * 1e6
+        assert found == pytest.approx(singular[0] / singular[-1], rel=1e-8)
+    else:
+        assert found > 0.9e6
+    np.testing.assert_array_equal(matrix, before)
+
+
+def test_singular_matrices_have_an_infinite_one():
+    assert condition_number(np.diag([1.0, 0.0]), np.empty((2, 2))) == np.inf

@@ -3,7 +3,6 @@
 """The estimates on line are those of the recording, bit for bit, whatever arrives."""
 
 import os
-from collections.abc import Sequence
 from itertools import groupby, pairwise
 
 import numpy as np
@@ -31,7 +30,7 @@ Arrival = Pulse | tuple[int, float]
 """A pulse, or stamp and value of a force sample."""
 
 
-def arrivals_of(pulses: PulseTrain, forces: ForceTrace) -> list[Arrival]:
+def arrivals_of(pulses, forces) -> list[Arrival]:
     """Every message when it is stamped."""
     arrivals: list[tuple[int, Arrival]] = [
         (int(stamp), (int(stamp), float(value)))
@@ -44,14 +43,14 @@ def arrivals_of(pulses: PulseTrain, forces: ForceTrace) -> list[Arrival]:
     return [arrival for _, arrival in sorted(arrivals, key=lambda one: one[0])]
 
 
-def moved(arrival: Arrival, by_ns: int) -> Arrival:
+def moved(arrival, by_ns) -> Arrival:
     """The same, stamped otherwise."""
     if isinstance(arrival, Pulse):
         return arrival._replace(onset_ns=arrival.onset_ns + by_ns)
     return (arrival[0] + by_ns, arrival[1])
 
 
-def spoil(arrivals: list[Arrival], kind: str, place: int, size: int) -> list[Arrival]:
+def spoil(arrivals, kind, place, size) -> list[Arrival]:
     """Do one wrong thing to messages from `place` on."""
     before, after = arrivals[:place], arrivals[place:]
     if kind == 'clock steps':
@@ -88,21 +87,19 @@ faulty = st.lists(
 )
 
 
-def columns_of(arrivals: Sequence[Arrival]) -> tuple[PulseTrain, ForceTrace]:
+def columns_of(arrivals) -> tuple[PulseTrain, ForceTrace]:
     pulses = [one for one in arrivals if isinstance(one, Pulse)]
     forces = [one for one in arrivals if not isinstance(one, Pulse)]
     stamps = np.array([stamp for stamp, _ in forces], dtype=np.int64)
     return PulseTrain.of(pulses), ForceTrace(stamps, np.array([value for _, value in forces]))
 
 
-def fresh(name: str) -> Estimator:
+def fresh(name) -> Estimator:
     preset = 'paper_table_4' if name == PAPER else 'people'
     return estimator_by_name(name.removeprefix('paper '), preset, seed=1)
 
 
-def live(
-    name: str, arrivals: list[Arrival], cuts: list[int], waiting: StreamSettings
-) -> list[Estimate]:
+def live(name, arrivals, cuts, waiting) -> list[Estimate]:
     """Estimates of a node that looks at what has come at every cut."""
     stream = IdentificationStream(fresh(name), waiting)
     estimates: list[Estimate] = []
@@ -116,7 +113,7 @@ def live(
     return estimates + stream.finish()
 
 
-def replayed(name: str, arrivals: list[Arrival], waiting: StreamSettings) -> list[Estimate]:
+def replayed(name, arrivals, waiting) -> list[Estimate]:
     """Estimates of the recording."""
     stream = IdentificationStream(fresh(name), waiting)
     pulses, forces = columns_of(arrivals)
@@ -128,7 +125,7 @@ def replayed(name: str, arrivals: list[Arrival], waiting: StreamSettings) -> lis
     return estimates + stream.finish()
 
 
-def image(estimate: Estimate) -> list[bytes]:
+def image(estimate) -> list[bytes]:
     return [
         repr(value).encode() if isinstance(value, dict) else np.asarray(value).tobytes()
         for value in vars(estimate).values()
@@ -137,13 +134,13 @@ def image(estimate: Estimate) -> list[bytes]:
 
 @pytest.mark.long
 @pytest.mark.parametrize('name', ['recursive', 'tracking', PAPER])
-@settings(deadline=None, max_examples=EXAMPLES)
+@settings(max_examples=EXAMPLES)
 @given(
     wrong=faulty,
     cuts=st.lists(st.integers(0, 3000), max_size=40),
     delay=st.sampled_from([(0.2, 0.1), (0.05, 0.02), (0.0, 0.0)]),
 )
-def test_live_is_replay(record, name, wrong, cuts, delay) -> None:
+def test_live_is_replay(record, name, wrong, cuts, delay):
     pulses, forces = record(np.random.default_rng(7).uniform(size=48), START_NS)
     noise = 0.02 * np.random.default_rng(8).standard_normal(2400)
     arrivals = arrivals_of(pulses, ForceTrace(forces.stamp_ns, forces.force + noise))
@@ -172,7 +169,7 @@ def slow_session(record) -> list[Arrival]:
 
 @pytest.mark.long
 @pytest.mark.parametrize('name', ['recursive', 'tracking'])
-@settings(deadline=None, max_examples=max(EXAMPLES // 4, 1))
+@settings(max_examples=max(EXAMPLES // 4, 1))
 @given(
     wrong=st.lists(
         st.tuples(
@@ -183,14 +180,14 @@ def slow_session(record) -> list[Arrival]:
     ),
     cuts=st.lists(st.integers(0, 2800), max_size=40),
 )
-def test_live_is_replay_for_long_with_a_slow_sensor(slow_session, name, wrong, cuts) -> None:
+def test_live_is_replay_for_long_with_a_slow_sensor(slow_session, name, wrong, cuts):
     arrivals = slow_session
     for kind, place, size in wrong:
         arrivals = spoil(arrivals, kind, place, size)
     check_live_is_replay(name, arrivals, cuts, StreamSettings())
 
 
-def late_and_back(count: int, ahead_ns: int) -> list[Arrival]:
+def late_and_back(count, ahead_ns) -> list[Arrival]:
     """A slow sensor, pulses much too late, and `ahead_ns` after them a clock that is set back."""
     step_ns = SECOND // SLOW_HZ
     samples = [(START_NS + index * step_ns, 0.0) for index in range(6 * SLOW_HZ)]
@@ -205,14 +202,14 @@ def late_and_back(count: int, ahead_ns: int) -> list[Arrival]:
 @pytest.mark.parametrize(
     ('name', 'count'), [('recursive', 3), ('recursive', 2500), ('tracking', 3)]
 )
-def test_late_pulses_count_at_one_time(name: str, ahead_ns: int, count: int) -> None:
+def test_late_pulses_count_at_one_time(name, ahead_ns, count):
     arrivals = late_and_back(count, ahead_ns)
     every_sample = list(range(len(arrivals)))
     check_live_is_replay(name, arrivals, every_sample, StreamSettings())
 
 
 @pytest.mark.parametrize('after_ms', range(19_980, 20_300, 40))
-def test_far_pulses_are_given_up_at_one_time(after_ms: int) -> None:
+def test_far_pulses_are_given_up_at_one_time(after_ms):
     step_ns = SECOND // SLOW_HZ
     samples = [(START_NS + index * step_ns, 0.0) for index in range(12 * SLOW_HZ)]
     far = Pulse(START_NS + after_ms * MILLISECOND, 0.5, 0)
@@ -224,9 +221,7 @@ def test_far_pulses_are_given_up_at_one_time(after_ms: int) -> None:
 
 @pytest.mark.parametrize('cut_every', [1, 7, 200])
 @pytest.mark.parametrize('ahead_ms', [300, 10_500])
-def test_a_flood_is_refused_alike(
-    monkeypatch: pytest.MonkeyPatch, cut_every: int, ahead_ms: int
-) -> None:
+def test_a_flood_is_refused_alike(monkeypatch, cut_every, ahead_ms):
     """More pulses than there is room for, with limits that a test can reach."""
     monkeypatch.setattr('rpms_ros.identification.stream.pulse_queue.MOST_PULSES', 40)
     monkeypatch.setattr('rpms_ros.identification.stream.pulse_queue.MOST_IN_A_SECOND', 30)
@@ -245,9 +240,7 @@ def test_a_flood_is_refused_alike(
     assert found['pulse_too_close'] > 0
 
 
-def check_live_is_replay(
-    name: str, arrivals: list[Arrival], cuts: list[int], waiting: StreamSettings
-) -> None:
+def check_live_is_replay(name, arrivals, cuts, waiting) -> None:
     expected = replayed(name, arrivals, waiting)
     found = live(name, arrivals, [cut for cut in cuts if cut < len(arrivals)], waiting)
     assert [one.stamp_ns for one in found] == [one.stamp_ns for one in expected]

@@ -3,7 +3,6 @@
 """A monitor from another package: one module and one entry point."""
 
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -50,7 +49,7 @@ def no_monitor():
 
 
 @pytest.fixture
-def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def package(tmp_path, monkeypatch) -> None:
     """An installed package with three entry points."""
     (tmp_path / 'rig_monitors.py').write_text(MODULE)
     information = tmp_path / 'rig_monitors-1.0.dist-info'
@@ -67,7 +66,7 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures('package')
-def test_a_monitor_of_another_package_examines_and_hears_everything(record) -> None:
+def test_a_monitor_of_another_package_examines_and_hears_everything(record):
     pulses, forces = record(np.random.default_rng(7).uniform(size=60))
     forces.force[2000:2400] = -6.0
     chosen = StreamSettings(monitors=('push',))
@@ -84,7 +83,7 @@ def test_a_monitor_of_another_package_examines_and_hears_everything(record) -> N
 
 
 @pytest.mark.usefixtures('package')
-def test_a_monitor_that_fails_is_taken_out_and_named(record) -> None:
+def test_a_monitor_that_fails_is_taken_out_and_named(record):
     pulses, forces = record(np.random.default_rng(7).uniform(size=20))
     chosen = StreamSettings(monitors=('careless', 'spikes'))
     session = identify(ModifiedRecursiveLM(), pulses, forces, chosen)
@@ -93,7 +92,7 @@ def test_a_monitor_that_fails_is_taken_out_and_named(record) -> None:
 
 
 @pytest.mark.usefixtures('package')
-def test_what_is_no_monitor_is_refused() -> None:
+def test_what_is_no_monitor_is_refused():
     with pytest.raises(IdentificationError, match=r'expected a Monitor behind .* none, got int'):
         monitors_by_name(['none'])
     with pytest.raises(IdentificationError, match=r'expected monitors of .*push.*, got .pish.'):

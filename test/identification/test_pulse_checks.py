@@ -26,11 +26,11 @@ FORCES = ForceTrace(STAMPS, np.sin(0.01 * np.arange(10_000)))
 RANDOM = np.random.default_rng(1).uniform(0.0, 1.0, 200)
 
 
-def pulses_of(intensity: np.ndarray, late_ns: int = 0) -> PulseTrain:
+def pulses_of(intensity, late_ns=0) -> PulseTrain:
     return PulseTrain.regular(intensity, 20.0, 10**18 + late_ns)
 
 
-def reasons_of(pulses: PulseTrain, forces: ForceTrace = FORCES) -> list[tuple[str, str]]:
+def reasons_of(pulses, forces=FORCES) -> list[tuple[str, str]]:
     return list(reasons_of_data(pulses, forces, 200.0, 0.05))
 
 
@@ -41,14 +41,14 @@ def reasons_of(pulses: PulseTrain, forces: ForceTrace = FORCES) -> list[tuple[st
         (-HOUR_NS, 'from 0.0 s to 9.9 s, force from 3600.0 s to 3610.0 s'),
     ],
 )
-def test_pulses_on_another_clock_are_told_with_both_times(late_ns: int, spans: str) -> None:
+def test_pulses_on_another_clock_are_told_with_both_times(late_ns, spans):
     pulses = pulses_of(RANDOM, late_ns)
     text = f'pulses are {spans}: they do not overlap'
     assert no_overlap(pulses.onset_ns, STAMPS) == text
     assert reasons_of(pulses) == [('no', f'{CLOCKS_DIFFER}: {text}')]
 
 
-def test_pulses_that_begin_before_the_force_overlap_with_it() -> None:
+def test_pulses_that_begin_before_the_force_overlap_with_it():
     assert no_overlap(pulses_of(RANDOM, -5_000_000_000).onset_ns, STAMPS) is None
     assert no_overlap(np.empty(0, np.int64), STAMPS) is None
     assert reasons_of(pulses_of(RANDOM)) == []
@@ -65,13 +65,11 @@ def test_pulses_that_begin_before_the_force_overlap_with_it() -> None:
         (np.array([0.5, np.nan]), 'not finite'),
     ],
 )
-def test_the_range_of_wrong_intensities_has_a_guess_at_their_unit(
-    intensity: np.ndarray, text: str
-) -> None:
+def test_the_range_of_wrong_intensities_has_a_guess_at_their_unit(intensity, text):
     assert range_outside(intensity) == text
 
 
-def test_intensities_that_are_mostly_no_shares_are_the_reason_of_a_no() -> None:
+def test_intensities_that_are_mostly_no_shares_are_the_reason_of_a_no():
     percent = np.linspace(0.0, 99.8, 200)
     count = np.count_nonzero(percent > 1.0)
     named = f'pulse_intensity_invalid: the intensity of {count} of 200 pulses is outside 0 to 1'
@@ -82,7 +80,7 @@ def test_intensities_that_are_mostly_no_shares_are_the_reason_of_a_no() -> None:
     assert reasons_of(pulses_of(np.zeros(200))) == [('no', 'there is no pulse above intensity 0')]
 
 
-def test_a_force_that_no_sensor_resolves_may_be_in_kilonewtons() -> None:
+def test_a_force_that_no_sensor_resolves_may_be_in_kilonewtons():
     small = replace(FORCES, force=1e-3 * FORCES.force)
     ((grade, text),) = reasons_of(pulses_of(RANDOM), small)
     assert grade == 'doubtful'
@@ -107,13 +105,11 @@ def test_a_force_that_no_sensor_resolves_may_be_in_kilonewtons() -> None:
         (pulses_of(np.tile([70.0, 0.7], 100)), True),
     ],
 )
-def test_one_intensity_is_that_of_the_pulses_that_were_used(pulses: PulseTrain, one: bool) -> None:
+def test_one_intensity_is_that_of_the_pulses_that_were_used(pulses, one):
     assert of_one_intensity(pulses, STAMPS) is one
 
 
-def answered(
-    intensity: np.ndarray, seconds: float, rate: float = 20.0
-) -> tuple[PulseTrain, ForceTrace]:
+def answered(intensity, seconds, rate=20.0) -> tuple[PulseTrain, ForceTrace]:
     """Pulses from 1 s on, and the noisy force that a muscle answers with."""
     pulses = PulseTrain.regular(intensity, rate, NANOSECONDS_PER_SECOND)
     muscle = Contraction(simulation_subject())
@@ -123,7 +119,7 @@ def answered(
     return pulses, ForceTrace(stamps, muscle.force(stamps) + noise)
 
 
-def shifted(forces: ForceTrace, seconds: float) -> ForceTrace:
+def shifted(forces, seconds) -> ForceTrace:
     return ForceTrace(forces.stamp_ns + round(seconds * NANOSECONDS_PER_SECOND), forces.force)
 
 
@@ -145,9 +141,7 @@ def random_session() -> tuple[PulseTrain, ForceTrace]:
         (-1e5, 'pulses are stamped 1e.05 s after the force'),
     ],
 )
-def test_a_sensor_of_another_clock_is_said_with_the_distance(
-    random_session, ahead: float, said: str
-) -> None:
+def test_a_sensor_of_another_clock_is_said_with_the_distance(random_session, ahead, said):
     pulses, forces = random_session
     # the order of arrival is that of the events, whatever the stamps say
     before = np.searchsorted(forces.stamp_ns, pulses.onset_ns) + 5
@@ -162,15 +156,13 @@ def test_a_sensor_of_another_clock_is_said_with_the_distance(
 
 
 @pytest.mark.parametrize('ahead', [5.0, -0.1])
-def test_without_an_order_of_arrival_the_force_tells_the_clock(
-    random_session, ahead: float
-) -> None:
+def test_without_an_order_of_arrival_the_force_tells_the_clock(random_session, ahead):
     pulses, forces = random_session
     found = identify(estimator_by_name('batch'), pulses, shifted(forces, ahead))
     assert CLOCKS_DIFFER in found.last.doubts
 
 
-def test_pulses_that_are_held_up_once_are_of_no_other_clock(random_session) -> None:
+def test_pulses_that_are_held_up_once_are_of_no_other_clock(random_session):
     pulses, forces = random_session
     before = np.searchsorted(forces.stamp_ns, pulses.onset_ns) + 5
     before[100:120] = before[120]
@@ -180,7 +172,7 @@ def test_pulses_that_are_held_up_once_are_of_no_other_clock(random_session) -> N
 
 
 @pytest.mark.parametrize('seconds', [4.0, 8.0, 17.0])
-def test_noise_is_of_no_other_clock(random_session, seconds: float) -> None:
+def test_noise_is_of_no_other_clock(random_session, seconds):
     pulses, forces = random_session
     count = round(1000 * seconds)
     for seed in range(2):
@@ -191,7 +183,7 @@ def test_noise_is_of_no_other_clock(random_session, seconds: float) -> None:
 
 
 @pytest.mark.parametrize('known', [slice(30), slice(60, 100)])
-def test_pulses_missing_at_an_end_are_said(known: slice) -> None:
+def test_pulses_missing_at_an_end_are_said(known):
     pulses, forces = answered(np.full(100, 0.8), 8.0)
     for name in ('batch', 'recursive'):
         found = identify(estimator_by_name(name), pulses[known], forces)

@@ -39,7 +39,7 @@ class Queue:
 
 
 @given(st.permutations(range(12)), st.integers(1, 5))
-def test_the_order_of_arrival_does_not_matter(order: list[int], size: int) -> None:
+def test_the_order_of_arrival_does_not_matter(order, size):
     queue = Queue()
     for start in range(0, 12, size):
         queue.add(*((50 * index, index / 12, index) for index in order[start : start + size]))
@@ -49,7 +49,7 @@ def test_the_order_of_arrival_does_not_matter(order: list[int], size: int) -> No
     assert queue.counter.counts() == {}
 
 
-def test_a_lost_pulse_excludes_what_it_could_touch() -> None:
+def test_a_lost_pulse_excludes_what_it_could_touch():
     queue = Queue()
     queue.add((0, 0.5, 0), (150, 0.5, 3))
     assert queue.onsets(200) == [0, 150]
@@ -67,7 +67,7 @@ def test_a_lost_pulse_excludes_what_it_could_touch() -> None:
         ([0, 0, 0], {'pulse_sequence_stuck': 2}),
     ],
 )
-def test_what_sequences_show(sequences: list[int], counts: dict[str, int]) -> None:
+def test_what_sequences_show(sequences, counts):
     queue = Queue()
     queue.add(*((50 * place, 0.5, sequence) for place, sequence in enumerate(sequences)))
     assert len(queue.onsets(1000)) == len(sequences)
@@ -75,7 +75,7 @@ def test_what_sequences_show(sequences: list[int], counts: dict[str, int]) -> No
 
 
 @pytest.mark.parametrize('intensity', [-1e-9, 1.0000001, math.nan, math.inf])
-def test_an_impossible_intensity_counts_as_lost(intensity: float) -> None:
+def test_an_impossible_intensity_counts_as_lost(intensity):
     queue = Queue()
     queue.add((0, 0.5, 0), (50, intensity, 1), (100, 0.0, 2), (150, 1.0, 3))
     assert queue.onsets(200) == [0, 100, 150]
@@ -84,7 +84,7 @@ def test_an_impossible_intensity_counts_as_lost(intensity: float) -> None:
 
 
 @pytest.mark.parametrize('sequence', [1, 2])
-def test_two_pulses_at_nearly_one_time_are_no_pulses_of_one_stimulator(sequence: int) -> None:
+def test_two_pulses_at_nearly_one_time_are_no_pulses_of_one_stimulator(sequence):
     queue = Queue()
     train = [Pulse(0, 0.5, 0), Pulse(100_000, 0.5, sequence), Pulse(50_000_000, 0.5, 1)]
     queue.queue.add(PulseTrain.of(train))
@@ -93,7 +93,7 @@ def test_two_pulses_at_nearly_one_time_are_no_pulses_of_one_stimulator(sequence:
     assert queue.unknown(0, 1, 350, 351) == [False, True, True, False]
 
 
-def test_a_sequence_that_restarts_twice_is_not_learnt_from() -> None:
+def test_a_sequence_that_restarts_twice_is_not_learnt_from():
     queue = Queue()
     queue.rest()
     queue.add((0, 0.5, 7), (50, 0.5, 0), (100, 0.5, 1), (150, 0.5, 0), (200, 0.5, 1))
@@ -102,7 +102,7 @@ def test_a_sequence_that_restarts_twice_is_not_learnt_from() -> None:
     assert queue.unknown(100, 101, 500, 501) == [False, True, True, False]
 
 
-def test_far_pulses_wait_for_the_force_and_are_given_up_when_it_does_not_come() -> None:
+def test_far_pulses_wait_for_the_force_and_are_given_up_when_it_does_not_come():
     queue = Queue()
     minute = [Pulse(60_000 * MILLISECOND, 0.5, 1), Pulse(10**18, 0.5, 2)]
     queue.queue.add(PulseTrain.of(minute), newest_ns=0)
@@ -112,13 +112,13 @@ def test_far_pulses_wait_for_the_force_and_are_given_up_when_it_does_not_come() 
     assert queue.counter.counts() == {'pulse_far_ahead': 1}
 
 
-def flood(start_ns: int, count: int, step_ns: int) -> PulseTrain:
+def flood(start_ns, count, step_ns) -> PulseTrain:
     onsets = start_ns + step_ns * np.arange(count, dtype=np.int64)
     sequence = np.arange(count, dtype=np.int64)
     return PulseTrain(onsets, np.full(count, 0.5), sequence, np.full(count, 1e-4))
 
 
-def test_a_flood_of_far_pulses_is_bounded() -> None:
+def test_a_flood_of_far_pulses_is_bounded():
     queue = Queue()
     for start_ns in (10**18, 10**17, 10**16):
         queue.queue.add(flood(start_ns, 60_000, 50 * MILLISECOND), newest_ns=0)
@@ -131,7 +131,7 @@ def test_a_flood_of_far_pulses_is_bounded() -> None:
     assert queue.counter.counts() == {'pulse_far_ahead': 80_000}
 
 
-def test_a_flood_of_near_pulses_is_bounded() -> None:
+def test_a_flood_of_near_pulses_is_bounded():
     queue = Queue()
     for _ in range(100):
         queue.queue.add(flood(0, 1000, 1000), newest_ns=0)
@@ -141,7 +141,7 @@ def test_a_flood_of_near_pulses_is_bounded() -> None:
     assert queue.queue._room.state() == {'_taken': [], '_refused': []}
 
 
-def test_a_first_pulse_that_is_not_number_0_excludes_what_those_before_it_could_touch() -> None:
+def test_a_first_pulse_that_is_not_number_0_excludes_what_those_before_it_could_touch():
     queue = Queue()
     queue.queue.begin(0)
     queue.add((50, 0.5, 7), (100, 0.5, 8))
@@ -151,7 +151,7 @@ def test_a_first_pulse_that_is_not_number_0_excludes_what_those_before_it_could_
 
 
 @pytest.mark.parametrize(('rest', 'sequence'), [(False, 0), (False, 2**32), (True, 7)])
-def test_a_first_pulse_of_a_session_excludes_nothing(rest: bool, sequence: int) -> None:
+def test_a_first_pulse_of_a_session_excludes_nothing(rest, sequence):
     queue = Queue()
     queue.queue.begin(0)
     if rest:
@@ -161,6 +161,6 @@ def test_a_first_pulse_of_a_session_excludes_nothing(rest: bool, sequence: int) 
     assert not any(queue.unknown(0, 1, 51, 400))
 
 
-def test_only_known_faults_are_counted() -> None:
+def test_only_known_faults_are_counted():
     with pytest.raises(KeyError, match=r'expected a fault of force_not_finite, .* got rain'):
         FaultCounter().add('rain')

@@ -1,11 +1,12 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The compiled recursion against its plain version, and its rules one by one."""
+"""The compiled recursion against its plain version; its regressors against direct sums."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, strategies as st
 
 from rpms_ros.identification import (
     TABLE_4,
@@ -13,9 +14,13 @@ from rpms_ros.identification import (
     DistortedSineBasis,
     ModifiedRecursiveLM,
     RecruitmentBounds,
-    RecursiveSettings,
 )
-from rpms_ros.identification.recursion.paper_kernel import _plain_derivative, mix
+from rpms_ros.identification.recursion.paper_kernel import (
+    basis_of_pulses,
+    mix,
+    regress,
+    regress_with_gradient,
+)
 from rpms_ros.muscle.recruitment import RecruitmentParameters, identified_recruitment
 
 
@@ -30,7 +35,7 @@ from rpms_ros.muscle.recruitment import RecruitmentParameters, identified_recrui
         replace(TABLE_4, condition_limit=1.5, bounds=RecruitmentBounds(u_thr=(0.39, 0.41))),
     ],
 )
-def test_it_is_the_plain_version(record, numpy_recursion, settings: RecursiveSettings) -> None:
+def test_it_is_the_plain_version(record, numpy_recursion, settings):
     pulses, forces = record(np.random.default_rng(7).uniform(size=16))
     plain = numpy_recursion.NumpyRecursion(settings, seed=1)
     expected = [
@@ -50,33 +55,61 @@ def test_it_is_the_plain_version(record, numpy_recursion, settings: RecursiveSet
     assert state.scalars['damping'][0] == pytest.approx(plain.damping, rel=1e-5)
 
 
-def test_the_derivative_is_that_of_central_differences() -> None:
-    generator = np.random.default_rng(3)
-    basis = DistortedSineBasis()
-    lags, intensity = generator.uniform(0.0, 0.35, 7), generator.uniform(size=7)
-    linear = generator.normal(size=8)
-    raw = np.linalg.solve(basis.mixing, basis.evaluate(lags).T).T
-    theta = np.array([0.45, 0.95, 4.0, 6.0])
+BASIS = DistortedSineBasis()
+SHAPE = np.array([1e6, 350.0, 120.0])
+MILLISECOND = 1_000_000
+PARAMETERS = RecruitmentParameters(0.45, 0.95, 4.0)
 
-    def output(values: np.ndarray) -> float:
-        rho = identified_recruitment(RecruitmentParameters(*values), intensity)
-        phi = np.empty(8)
-        mix(basis.mixing, rho @ raw, phi)
-        return float(phi @ linear)
 
-    def difference(place: int, values: np.ndarray) -> np.ndarray:
-        step = np.zeros(4)
-        step[place] = 1e-5
-        above = identified_recruitment(RecruitmentParameters(*(values + step)), intensity)
-        below = identified_recruitment(RecruitmentParameters(*(values - step)), intensity)
-        return (above - below) @ raw / 2e-5
+def sums(stamp_ns, onset_ns, intensity, theta):
+    """Mixed regressor (8,) and raw gradient (3, 8), and whether any pulse recruits."""
+    values = np.full((len(onset_ns), 8), np.nan)
+    raw, gradient, phi = np.empty(8), np.empty((3, 8)), np.empty(8)
+    basis_of_pulses(stamp_ns, onset_ns, 0, len(onset_ns), SHAPE, values)
+    recruits = regress_with_gradient(
+        intensity, 0, len(onset_ns), theta, values, raw, gradient, np.empty((2, 4))
+    )
+    again = np.empty(8)
+    regress(intensity, 0, len(onset_ns), theta, values, again)
+    np.testing.assert_array_equal(raw, again)
+    mix(BASIS.mixing, raw, phi)
+    return phi, gradient, recruits
 
-    gradient = np.array([difference(place, theta) for place in range(3)])
-    derivative = np.empty(3)
-    _plain_derivative(linear, basis.mixing, gradient, derivative)
+
+@given(
+    st.lists(st.integers(0, 400 * MILLISECOND), min_size=1, max_size=12, unique=True),
+    st.integers(0, 500 * MILLISECOND),
+)
+def test_off_the_grid_it_is_the_direct_sum(onsets, stamp_ns):
+    onset = np.sort(np.array(onsets))
+    intensity = np.random.default_rng(len(onsets)).uniform(size=len(onset))
+    phi, _, recruits = sums(stamp_ns, onset, intensity, np.array(PARAMETERS))
+    rho = identified_recruitment(PARAMETERS, intensity)
+    expected = rho @ BASIS.evaluate((stamp_ns - onset) / 1e9)
+    # a tap of 350 resolves to 1e-13; at the jump at the end of the support either side is right
+    if np.abs(stamp_ns - onset - 350.5 * MILLISECOND).min() > 1:
+        np.testing.assert_allclose(phi, expected, atol=1e-11)
+    assert recruits
+
+
+def test_the_gradient_is_that_of_central_differences():
+    generator = np.random.default_rng(2)
+    onset = np.arange(7) * 50 * MILLISECOND
+    intensity = generator.uniform(size=7)
+    theta = np.array(PARAMETERS)
+    _, gradient, _ = sums(310 * MILLISECOND, onset, intensity, theta)
     for place in range(3):
         step = np.zeros(4)
         step[place] = 1e-5
-        expected = (output(theta + step) - output(theta - step)) / 2e-5
-        # what epsilon becomes when it is divided by the step of 1e-5
-        assert derivative[place] == pytest.approx(expected, rel=1e-7, abs=1e-8)
+        above, _, _ = sums(310 * MILLISECOND, onset, intensity, theta + step)
+        below, _, _ = sums(310 * MILLISECOND, onset, intensity, theta - step)
+        expected = (above - below) / 2e-5
+        # rounding 1e-16 / 1e-5, cut-off (1e-5)^2 times third derivatives of some hundred
+        np.testing.assert_allclose(BASIS.mixing @ gradient[place], expected, atol=1e-7)
+
+
+def test_a_pulse_without_intensity_does_not_recruit():
+    phi, gradient, recruits = sums(10_000_000, np.array([0]), np.zeros(1), np.array(PARAMETERS))
+    assert not recruits
+    np.testing.assert_array_equal(phi, 0.0)
+    np.testing.assert_array_equal(gradient, 0.0)

@@ -158,9 +158,7 @@ SCENARIOS = {
     'no force': Expected(no_force, frozenset({'force_constant'})),
 }
 # What only tracking can do: the batch and the recursion describe one muscle.
-TRACKING = {
-    'step of gain': SCENARIOS['step of gain']._replace(error=0.005, coverage=0.5),
-}
+TRACKING = {'step of gain': SCENARIOS['step of gain']._replace(error=0.005, coverage=0.5)}
 
 
 def fresh(name):

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Identification of recordings."""
+"""Identification of recordings; the one number that says how good its predictions were."""
 
 import math
 import os
@@ -13,18 +13,23 @@ import pytest
 
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification import (
+    CURVE_INTENSITY,
     BatchEstimator,
     Estimate,
     ModifiedRecursiveLM,
     StreamSettings,
+    estimator_by_name,
     identify,
 )
-from rpms_ros.pulses import ForceTrace, PulseTrain
+from rpms_ros.identification.quality.verdict import verdict_of
+from rpms_ros.identification.session import output_error
+from rpms_ros.muscle import Contraction, Subject
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, ForceTrace, PulseTrain
 
 SECOND = 1_000_000_000
 
 
-def joined(first: ForceTrace, second: ForceTrace) -> ForceTrace:
+def joined(first, second) -> ForceTrace:
     return ForceTrace(
         np.concatenate((first.stamp_ns, second.stamp_ns)),
         np.concatenate((first.force, second.force)),
@@ -32,7 +37,7 @@ def joined(first: ForceTrace, second: ForceTrace) -> ForceTrace:
 
 
 @pytest.mark.parametrize('back', [2, 3600])
-def test_pulses_after_a_jump_back_are_used(record, back: int) -> None:
+def test_pulses_after_a_jump_back_are_used(record, back):
     first_pulses, first = record(np.random.default_rng(7).uniform(size=240), 5000 * SECOND)
     start_ns = (5012 - back) * SECOND
     later_pulses, later = record(np.random.default_rng(8).uniform(size=240), start_ns)
@@ -46,7 +51,7 @@ def test_pulses_after_a_jump_back_are_used(record, back: int) -> None:
 
 
 @pytest.mark.parametrize('wrong_ns', [0, 9000 * SECOND])
-def test_one_wrong_stamp_does_not_cost_the_rest(record, wrong_ns: int) -> None:
+def test_one_wrong_stamp_does_not_cost_the_rest(record, wrong_ns):
     pulses, forces = record(np.random.default_rng(7).uniform(size=240), 5000 * SECOND)
     forces.stamp_ns[6000] = wrong_ns
     session = identify(ModifiedRecursiveLM(), pulses, forces)
@@ -58,7 +63,7 @@ def test_one_wrong_stamp_does_not_cost_the_rest(record, wrong_ns: int) -> None:
 @pytest.mark.parametrize(
     'force', [np.empty(0), np.full(3, math.nan)], ids=['empty', 'not a number']
 )
-def test_nothing_to_learn_from_is_refused(force: np.ndarray) -> None:
+def test_nothing_to_learn_from_is_refused(force):
     forces = ForceTrace(np.arange(len(force)), force)
     with pytest.raises(IdentificationError, match='expected at least one finite force sample'):
         identify(ModifiedRecursiveLM(), PulseTrain.of([]), forces)
@@ -68,15 +73,13 @@ def test_nothing_to_learn_from_is_refused(force: np.ndarray) -> None:
     ('force', 'found'),
     [([20e3, 27e3, 25e3], '3 samples from 20000 to 27000'), ([-3e4, math.nan], '1 sample from')],
 )
-def test_forces_that_no_muscle_has_are_named(force: list[float], found: str) -> None:
+def test_forces_that_no_muscle_has_are_named(force, found):
     forces = ForceTrace(np.arange(len(force)), np.array(force))
     with pytest.raises(IdentificationError, match=f'at most 10000 N or N m, got {found}.*-scale'):
         identify(ModifiedRecursiveLM(), PulseTrain.of([]), forces)
 
 
-def test_the_batch_from_python_fits_once_for_the_whole_recording(
-    record, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_batch_from_python_fits_once_for_the_whole_recording(record, monkeypatch):
     pulses, forces = record(np.random.default_rng(7).uniform(size=240))
     estimator = BatchEstimator()
     made: list[int] = []
@@ -94,7 +97,7 @@ def test_the_batch_from_python_fits_once_for_the_whole_recording(
 
 
 @pytest.mark.long
-def test_the_output_error_does_not_depend_on_the_threads_of_blas() -> None:
+def test_the_output_error_does_not_depend_on_the_threads_of_blas():
     # Enough samples for BLAS to part the work.
     code = (
         'import numpy as np\n'
@@ -117,9 +120,89 @@ def test_the_output_error_does_not_depend_on_the_threads_of_blas() -> None:
     assert len(errors) == 1
 
 
-def test_the_batch_has_room_for_the_fastest_sensor() -> None:
+def test_the_batch_has_room_for_the_fastest_sensor():
     pulses = PulseTrain.regular(np.random.default_rng(0).uniform(size=50), 20.0)
     force = np.random.default_rng(1).normal(size=250_000)
     trace = ForceTrace(np.arange(len(force), dtype=np.int64) * 10_000, force)
     chosen = StreamSettings(monitors=())
     assert 'force_queue_full' not in identify(BatchEstimator(), pulses, trace, chosen).last.faults
+
+
+MILLISECOND = 1_000_000
+
+
+def predicted(seconds) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return stamps, a slow sinusoid of 10 N that is near zero at its end, and usable flags."""
+    stamp = np.arange(1000 * seconds, dtype=np.int64) * MILLISECOND
+    force = 5.0 - 5.0 * np.cos(2.0 * np.pi * 1e-9 * stamp / 10.0)
+    return stamp, force, np.ones(len(stamp), dtype=np.bool_)
+
+
+def test_a_force_near_zero_at_the_end_does_not_matter():
+    stamp, force, usable = predicted(40)
+    error = output_error(stamp, force, force - 0.08, usable)
+    assert error.newton == pytest.approx(0.08)
+    # 0.08 N of a force that goes from 0 to 10 N
+    assert error.of_range == pytest.approx(0.008)
+
+
+@pytest.mark.parametrize(('seconds', 'settled'), [(40, 10), (12, 6)])
+def test_what_is_wrong_before_settling_does_not_count(seconds, settled):
+    stamp, force, usable = predicted(seconds)
+    prediction = force + 0.1
+    prediction[: 1000 * settled] = 1e3
+    # One sample at the boundary: the middle lies half a sample before its index.
+    assert output_error(stamp, force, prediction, usable).newton == pytest.approx(0.1)
+
+
+def test_samples_that_are_not_usable_do_not_count():
+    stamp, force, usable = predicted(40)
+    prediction = force.copy()
+    prediction[20_000:21_000] += 1.0
+    usable[20_000:21_000] = False
+    force[20_500] = 1e6
+    assert output_error(stamp, force, prediction, usable) == (0.0, 0.0)
+
+
+def test_a_clock_that_jumps_back_takes_no_time_off():
+    stamp, force, usable = predicted(40)
+    stamp[20_000:] -= 20_000_000_000
+    prediction = force.copy()
+    prediction[:9_000] += 1.0
+    assert output_error(stamp, force, prediction, usable).newton == 0.0
+
+
+def test_nothing_usable_has_no_error():
+    stamp, force, usable = predicted(1)
+    error = output_error(stamp, force, force, ~usable)
+    assert math.isnan(error.newton)
+    assert math.isnan(error.of_range)
+
+
+SUBJECT = Subject()
+TRUTH = SUBJECT.steady_force(CURVE_INTENSITY, 20.0)
+
+
+@pytest.fixture(name='cut', scope='module')
+def cut_fixture() -> tuple[PulseTrain, ForceTrace]:
+    """The part of a session from 5.02 s on."""
+    generator = np.random.default_rng(5)
+    pulses = PulseTrain.regular(generator.uniform(size=300), 20.0)
+    muscle = Contraction(SUBJECT)
+    muscle.add_pulses(pulses.onset_ns, pulses.intensity)
+    stamps = np.arange(15_000, dtype=np.int64) * 1_000_000
+    force = muscle.force(stamps) + 0.02 * generator.standard_normal(len(stamps))
+    begin = round(5.02 * NANOSECONDS_PER_SECOND)
+    return pulses[pulses.onset_ns >= begin], ForceTrace(stamps[5020:], force[5020:])
+
+
+@pytest.mark.parametrize('name', ['batch', 'recursive', 'tracking'])
+def test_the_curve_is_that_of_the_muscle(cut, name):
+    estimator = estimator_by_name(name)
+    found = identify(estimator, *cut)
+    assert np.abs(found.last.curve_force - TRUTH).max() < 0.005 * TRUTH.max()
+    # up to the first pulse that is heard, and as long as those before it may act
+    excluded = round(1000 * estimator.memory) + 30
+    assert found.last.faults == {'samples_excluded': pytest.approx(excluded, abs=2)}
+    assert found.last.doubts == ()
+    assert verdict_of(found, *cut).grade == 'good'

@@ -3,7 +3,6 @@
 """Alignment of force and pulses: blocks, order of arrival, and every fault."""
 
 import math
-from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
@@ -66,15 +65,15 @@ class Run:
         return np.concatenate([getattr(cell, names[place]) for cell in self.sink.cells])
 
 
-def uniform(count: int, seed: int = 7) -> FloatArray:
+def uniform(count, seed=7) -> FloatArray:
     return np.random.default_rng(seed).uniform(size=count)
 
 
-def part(forces: ForceTrace, start: int, stop: int) -> ForceTrace:
+def part(forces, start, stop) -> ForceTrace:
     return ForceTrace(forces.stamp_ns[start:stop], forces.force[start:stop])
 
 
-def image(estimate: Estimate) -> list[bytes]:
+def image(estimate) -> list[bytes]:
     """Every field in every bit, the order of the faults included."""
     return [
         repr(value).encode() if isinstance(value, dict) else np.asarray(value).tobytes()
@@ -82,7 +81,7 @@ def image(estimate: Estimate) -> list[bytes]:
     ]
 
 
-def assert_same(first: Run, second: Run) -> None:
+def assert_same(first, second) -> None:
     assert [image(one) for one in first.estimates] == [image(one) for one in second.estimates]
     for place in range(4):
         assert first.column(place).tobytes() == second.column(place).tobytes()
@@ -101,9 +100,9 @@ def spoiled(record) -> tuple[PulseTrain, ForceTrace]:
     return pulses[kept], ForceTrace(stamps, values)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(st.sets(st.integers(1, 1999), max_size=15), st.randoms(), st.sampled_from([0.0, 0.1]))
-def test_cuts_and_order_of_arrival_change_no_bit(record, cuts, random, pulse_look_ahead) -> None:
+def test_cuts_and_order_of_arrival_change_no_bit(record, cuts, random, pulse_look_ahead):
     pulses, forces = spoiled(record)
     # With nothing held back a pulse may not be late at all.
     waiting = StreamSettings(reorder_delay=2 * pulse_look_ahead, pulse_look_ahead=pulse_look_ahead)
@@ -135,9 +134,7 @@ def test_cuts_and_order_of_arrival_change_no_bit(record, cuts, random, pulse_loo
         (BatchEstimator, 37, 20),
     ],
 )
-def test_short_blocks_give_the_estimates_of_one_block(
-    record, build: Callable[[], Estimator], size: int, step: int
-) -> None:
+def test_short_blocks_give_the_estimates_of_one_block(record, build, size, step):
     if step == 1:
         pulses, forces = spoiled(record)
     else:
@@ -158,7 +155,7 @@ def test_short_blocks_give_the_estimates_of_one_block(
     assert_same(single, whole)
 
 
-def test_estimates_fall_due_on_a_grid_of_stamps(record) -> None:
+def test_estimates_fall_due_on_a_grid_of_stamps(record):
     pulses, forces = record(uniform(20), START_NS + 30 * MILLISECOND)
     run = Run().feed(forces, pulses)
     run.finish()
@@ -166,7 +163,7 @@ def test_estimates_fall_due_on_a_grid_of_stamps(record) -> None:
     assert stamps == [*range(99, 1000, 100), 1029]
 
 
-def curve_of(pulses: PulseTrain, forces: ForceTrace) -> tuple[Estimate, Run]:
+def curve_of(pulses, forces) -> tuple[Estimate, Run]:
     run = Run().feed(forces, pulses)
     return run.finish(), run
 
@@ -187,7 +184,7 @@ CASES = {
 }
 
 
-def spoil(name: str, pulses: PulseTrain, forces: ForceTrace) -> tuple[PulseTrain, ForceTrace]:
+def spoil(name, pulses, forces) -> tuple[PulseTrain, ForceTrace]:
     stamps, values = forces.stamp_ns.copy(), forces.force.copy()
     if name == 'force_duplicate':
         twice = np.insert(np.arange(len(stamps)), [3000, 4000], [2999, 3999])
@@ -207,7 +204,7 @@ def spoil(name: str, pulses: PulseTrain, forces: ForceTrace) -> tuple[PulseTrain
     return pulses, ForceTrace(stamps, values)
 
 
-def spoil_forces(name: str, stamps: np.ndarray, values: np.ndarray) -> None:
+def spoil_forces(name, stamps, values) -> None:
     """Spoil stamps and values (samples,) in place."""
     if name == 'force_not_finite':
         values[[100, 3000, 4000]] = math.nan, math.inf, -math.inf
@@ -225,7 +222,7 @@ def spoil_forces(name: str, stamps: np.ndarray, values: np.ndarray) -> None:
 
 
 @pytest.mark.parametrize('name', CASES)
-def test_a_fault_is_counted_and_spoils_nothing(record, name: str) -> None:
+def test_a_fault_is_counted_and_spoils_nothing(record, name):
     clean, _ = curve_of(*record(uniform(160), START_NS))
     found, run = curve_of(*spoil(name, *record(uniform(160), START_NS)))
     assert found.faults[name] == CASES[name]
@@ -245,7 +242,7 @@ def test_a_fault_is_counted_and_spoils_nothing(record, name: str) -> None:
     assert np.abs(residual).max() < 0.2
 
 
-def test_a_late_pulse_is_left_out_with_its_samples(record) -> None:
+def test_a_late_pulse_is_left_out_with_its_samples(record):
     pulses, forces = record(uniform(100), START_NS)
     clean, _ = curve_of(pulses, forces)
     run = Run()
@@ -259,7 +256,7 @@ def test_a_late_pulse_is_left_out_with_its_samples(record) -> None:
     )
 
 
-def test_the_force_may_pause(record) -> None:
+def test_the_force_may_pause(record):
     pulses, forces = record(uniform(160), START_NS)
     kept = np.r_[0:3000, 4500:8000]
     found, run = curve_of(pulses, ForceTrace(forces.stamp_ns[kept], forces.force[kept]))
@@ -270,7 +267,7 @@ def test_the_force_may_pause(record) -> None:
 
 
 @pytest.mark.parametrize('ahead', [3600, -3600])
-def test_the_clock_may_jump(record, ahead: int) -> None:
+def test_the_clock_may_jump(record, ahead):
     first_pulses, first = record(uniform(80), START_NS)
     later_pulses, later = record(uniform(80, 8), START_NS + ahead * SECOND, sequence=80)
     run = Run().feed(first, first_pulses)
@@ -287,7 +284,7 @@ def test_the_clock_may_jump(record, ahead: int) -> None:
     assert np.abs(run.column(1) - run.column(2))[5000:].max() < 0.2
 
 
-def test_a_sensor_that_gives_nan_alone_is_counted_while_it_lasts() -> None:
+def test_a_sensor_that_gives_nan_alone_is_counted_while_it_lasts():
     run = Run()
     for block in range(50):
         stamps = START_NS + MILLISECOND * np.arange(100 * block, 100 * block + 100)
@@ -306,13 +303,13 @@ def test_a_sensor_that_gives_nan_alone_is_counted_while_it_lasts() -> None:
         ({'longest_gap': math.nan}, 'expected an estimate period and a longest gap above 0 s'),
     ],
 )
-def test_impossible_settings_are_refused(values: dict[str, float], message: str) -> None:
+def test_impossible_settings_are_refused(values, message):
     with pytest.raises(IdentificationError, match=message):
         StreamSettings(**values)
 
 
 @pytest.mark.parametrize('stamped', [-3600, -5])
-def test_pulses_stamped_long_ago_count_as_late_and_cost_nothing(record, stamped: int) -> None:
+def test_pulses_stamped_long_ago_count_as_late_and_cost_nothing(record, stamped):
     pulses, forces = record(uniform(100), START_NS)
     run = Run()
     for start in range(0, 5000, 100):
@@ -323,7 +320,7 @@ def test_pulses_stamped_long_ago_count_as_late_and_cost_nothing(record, stamped:
     assert run.finish().faults == {'pulse_late': 2}
 
 
-def test_pulses_that_outrun_a_jump_of_the_clock_are_used(record) -> None:
+def test_pulses_that_outrun_a_jump_of_the_clock_are_used(record):
     first_pulses, first = record(uniform(80), START_NS)
     later_pulses, later = record(uniform(80, 8), START_NS - 3600 * SECOND, sequence=80)
     run = Run().feed(first, first_pulses)
@@ -334,7 +331,7 @@ def test_pulses_that_outrun_a_jump_of_the_clock_are_used(record) -> None:
     assert found.pulses == 160
 
 
-def test_samples_that_hardly_advance_are_bounded() -> None:
+def test_samples_that_hardly_advance_are_bounded():
     run = Run()
     count = MOST_WAITING + 50_000
     run.feed(ForceTrace(START_NS + np.arange(count, dtype=np.int64), np.zeros(count)))
@@ -342,7 +339,7 @@ def test_samples_that_hardly_advance_are_bounded() -> None:
 
 
 @pytest.mark.parametrize('step', [1000, 37])
-def test_what_is_held_is_predicted_and_not_learnt_from(record, step: int) -> None:
+def test_what_is_held_is_predicted_and_not_learnt_from(record, step):
     pulses, forces = record(uniform(100), START_NS)
     run = Run()
     run.stream.add_pulses(pulses)
@@ -363,7 +360,7 @@ def test_what_is_held_is_predicted_and_not_learnt_from(record, step: int) -> Non
     assert np.isfinite(run.column(2)).all()
 
 
-def test_a_jump_of_the_clock_does_not_end_a_hold(record) -> None:
+def test_a_jump_of_the_clock_does_not_end_a_hold(record):
     first_pulses, first = record(uniform(20), START_NS)
     later_pulses, later = record(uniform(40, 8), START_NS - 3600 * SECOND, sequence=20)
     run = Run()

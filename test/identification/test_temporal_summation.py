@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rpms_ros.errors import IdentificationError
-from rpms_ros.identification import BatchEstimator, ProjectionSettings, estimator_by_name
+from rpms_ros.identification import estimator_by_name
 from rpms_ros.identification.analysis.responses import Response
 from rpms_ros.identification.analysis.trains import fit_equal, fit_scaled, pulse_twitches
 from rpms_ros.identification.estimation.blocks import PulseDelayLine
@@ -38,14 +38,14 @@ ANALYSIS = {
 }
 
 
-def test_a_steady_train_of_the_stated_rate_weighs_one() -> None:
+def test_a_steady_train_of_the_stated_rate_weighs_one():
     steady = PulseTrain.regular(np.ones(100), 20.0)
     for law in (TemporalSummation(), RAT):
         weights = PulseHistory(law, 20.0).weights(steady.onset_ns, steady.intensity)
         assert weights[-1] == pytest.approx(1.0, abs=1e-6)
 
 
-def test_the_weighted_twitches_meet_the_law_at_every_peak() -> None:
+def test_the_weighted_twitches_meet_the_law_at_every_peak():
     onset_ns = np.array([0, 10, 20, 45, 50, 130], dtype=np.int64) * MILLISECOND
     history = PulseHistory(RAT, 20.0)
     weights = history.weights(onset_ns, np.ones(6)) * history._unit
@@ -62,7 +62,7 @@ def test_the_weighted_twitches_meet_the_law_at_every_peak() -> None:
         assert weights[: place + 1] @ shape == pytest.approx(expected, rel=1e-12)
 
 
-def test_weights_do_not_depend_on_how_pulses_are_cut() -> None:
+def test_weights_do_not_depend_on_how_pulses_are_cut():
     train = PulseTrain.regular(np.random.default_rng(1).uniform(size=60), 70.0)
     whole = PulseDelayLine(0.0, None, 20.0, RAT)
     whole.add(train.onset_ns, train.intensity)
@@ -78,25 +78,14 @@ def test_weights_do_not_depend_on_how_pulses_are_cut() -> None:
     assert whole.weight.tobytes() == again.weight.tobytes()
 
 
-def test_a_pulse_of_no_intensity_does_nothing_to_the_next() -> None:
+def test_a_pulse_of_no_intensity_does_nothing_to_the_next():
     onset_ns = np.array([0, 10, 20], dtype=np.int64) * MILLISECOND
     with_gap = PulseHistory(RAT, 20.0).weights(onset_ns, np.array([1.0, 0.0, 1.0]))
     without = PulseHistory(RAT, 20.0).weights(onset_ns[[0, 2]], np.ones(2))
     assert with_gap[2] == without[1]
 
 
-def test_without_a_law_nothing_changes(record) -> None:
-    pulses, forces = record(np.random.default_rng(2).uniform(size=40))
-    usable = np.ones(len(forces), dtype=np.bool_)
-    found = []
-    for estimator in (BatchEstimator(), BatchEstimator(ProjectionSettings(history=None))):
-        estimator.add_pulses(pulses.onset_ns, pulses.intensity)
-        found.append(estimator.update(forces.stamp_ns, forces.force, usable))
-        assert estimator._delay_line._history is None
-    assert found[0].tobytes() == found[1].tobytes()
-
-
-def test_the_numbers_come_from_an_analysis_or_a_file(tmp_path) -> None:
+def test_the_numbers_come_from_an_analysis_or_a_file(tmp_path):
     path = tmp_path / 'analysis.json'
     path.write_text(json.dumps(ANALYSIS))
     assert TemporalSummation.of_file(path) == RAT
@@ -125,19 +114,19 @@ def test_the_numbers_come_from_an_analysis_or_a_file(tmp_path) -> None:
         ('{', 'expected a JSON file'),
     ],
 )
-def test_bad_numbers_are_refused(tmp_path, text, message) -> None:
+def test_bad_numbers_are_refused(tmp_path, text, message):
     (tmp_path / 'law.json').write_text(text)
     with pytest.raises(IdentificationError, match=message):
         TemporalSummation.of_file(tmp_path / 'law.json')
 
 
-def test_the_recursion_has_no_law() -> None:
+def test_the_recursion_has_no_law():
     with pytest.raises(IdentificationError, match='batch or tracking, got recursive'):
         estimator_by_name('recursive', history=RAT)
 
 
 @pytest.mark.skipif(not TRIALS, reason=f'no recordings in {FOLDER} (set RPMS_RECORDINGS)')
-def test_long_trains_of_a_rat_are_explained_better() -> None:
+def test_long_trains_of_a_rat_are_explained_better():
     equal, weighted = [], []
     for path in TRIALS[::3]:
         time, _, gate, force = np.loadtxt(path, delimiter=',', skiprows=1, usecols=range(4)).T

@@ -3,7 +3,6 @@
 """The verdict: good for what is right, not good for each wrong input, with the reason."""
 
 import re
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -17,10 +16,7 @@ from rpms_ros.identification import (
     estimator_by_name,
     identify,
 )
-from rpms_ros.identification.quality.explained_force import (
-    simulated_fit,
-    simulated_force,
-)
+from rpms_ros.identification.quality.explained_force import simulated_fit, simulated_force
 from rpms_ros.identification.quality.verdict import (
     Verdict,
     VerdictSettings,
@@ -36,7 +32,7 @@ NOISE = 0.02
 Trial = tuple[PulseTrain, ForceTrace]
 
 
-def simulated(intensity: np.ndarray, seconds: int = SECONDS, seed: int = 1) -> Trial:
+def simulated(intensity, seconds=SECONDS, seed=1) -> Trial:
     pulses = PulseTrain.regular(intensity, 20.0)
     muscle = Contraction(simulation_subject(), fixed_rate_hz=20.0)
     muscle.add_pulses(pulses.onset_ns, pulses.intensity)
@@ -50,7 +46,7 @@ def trial() -> Trial:
     return simulated(np.random.default_rng(1).uniform(0.0, 1.0, 20 * SECONDS))
 
 
-def identified(trial: Trial, name: str = 'batch', preset: str = 'people') -> IdentifiedSession:
+def identified(trial, name='batch', preset='people') -> IdentifiedSession:
     pulses, forces = trial
     period = period_of_estimates(float(np.ptp(forces.stamp_ns)) / 1e9)
     return identify(
@@ -58,16 +54,16 @@ def identified(trial: Trial, name: str = 'batch', preset: str = 'people') -> Ide
     )
 
 
-def judged(trial: Trial, name: str = 'batch', settings: VerdictSettings | None = None) -> Verdict:
+def judged(trial, name='batch', settings=None) -> Verdict:
     return verdict_of(identified(trial, name), *trial, settings)
 
 
-def with_force(trial: Trial, change: Callable[[np.ndarray], np.ndarray]) -> Trial:
+def with_force(trial, change) -> Trial:
     pulses, forces = trial
     return pulses, ForceTrace(forces.stamp_ns, change(forces.force))
 
 
-def in_milliseconds(trial: Trial) -> Trial:
+def in_milliseconds(trial) -> Trial:
     """What milliseconds that are taken for seconds make of two seconds."""
     pulses, forces = trial
     few = pulses[:40]
@@ -76,12 +72,12 @@ def in_milliseconds(trial: Trial) -> Trial:
     )
 
 
-def noise_alone(force: np.ndarray) -> np.ndarray:
+def noise_alone(force) -> np.ndarray:
     return NOISE * np.random.default_rng(3).standard_normal(len(force))
 
 
 @pytest.mark.parametrize('name', ['batch', 'tracking'])
-def test_what_is_right_is_good(trial: Trial, name: str) -> None:
+def test_what_is_right_is_good(trial, name):
     verdict = judged(trial, name)
     assert verdict.grade == 'good'
     (reason,) = verdict.reasons
@@ -112,23 +108,21 @@ def test_what_is_right_is_good(trial: Trial, name: str) -> None:
     ],
     ids=['wrong topic', 'wrong axis', 'wrong sign', 'grams', 'clipped', 'drift', 'sway'],
 )
-def test_a_wrong_force_is_not_good(
-    trial: Trial, change: Callable[[np.ndarray], np.ndarray], grade: str, reason: str
-) -> None:
+def test_a_wrong_force_is_not_good(trial, change, grade, reason):
     verdict = judged(with_force(trial, change))
     assert verdict.grade == grade
     assert any(re.search(reason, text) for text in verdict.reasons), verdict.line
 
 
-def tiring(force: np.ndarray) -> np.ndarray:
+def tiring(force) -> np.ndarray:
     return force * np.linspace(1.1, 0.9, len(force))
 
 
-def moved(force: np.ndarray) -> np.ndarray:
+def moved(force) -> np.ndarray:
     return force * np.where(np.arange(len(force)) < 12_000, 1.0, 0.8)
 
 
-def tensed(force: np.ndarray) -> np.ndarray:
+def tensed(force) -> np.ndarray:
     """Half a second of effort every 6 s."""
     time = np.arange(len(force)) / 1000
     return force + 3.0 * (np.mod(time, 6.0) > 5.5)
@@ -142,15 +136,13 @@ def tensed(force: np.ndarray) -> np.ndarray:
         pytest.param(tensed, '--estimator tracking tells a muscle', marks=pytest.mark.long),
     ],
 )
-def test_one_muscle_for_a_muscle_that_changed_is_doubted(
-    trial: Trial, change: Callable[[np.ndarray], np.ndarray], reason: str
-) -> None:
+def test_one_muscle_for_a_muscle_that_changed_is_doubted(trial, change, reason):
     verdict = judged(with_force(trial, change))
     assert verdict.grade != 'good'
     assert re.search(reason, verdict.line), verdict.line
 
 
-def test_what_an_estimator_that_follows_has_named_is_no_doubt(trial: Trial) -> None:
+def test_what_an_estimator_that_follows_has_named_is_no_doubt(trial):
     pulses, forces = trial
     session = identify(estimator_by_name('batch'), pulses, forces)
     doubtful = replace(session.last, doubts=('force_unexplained',))
@@ -173,7 +165,7 @@ def test_what_an_estimator_that_follows_has_named_is_no_doubt(trial: Trial) -> N
     assert 'force_unexplained' in verdict(follows, other + tensed(other)).line
 
 
-def test_time_in_another_unit_is_not_good(trial: Trial) -> None:
+def test_time_in_another_unit_is_not_good(trial):
     verdict = judged(in_milliseconds(trial))
     assert verdict.grade == 'no'
     assert verdict.reasons[0].startswith(
@@ -186,13 +178,13 @@ def test_time_in_another_unit_is_not_good(trial: Trial) -> None:
     assert 'is the time in another unit' in verdict.line
 
 
-def test_pulses_of_another_session_are_not_good(trial: Trial) -> None:
+def test_pulses_of_another_session_are_not_good(trial):
     pulses, forces = trial
     other = np.random.default_rng(7).permutation(pulses.intensity)
     assert judged((replace(pulses, intensity=other), forces)).grade == 'no'
 
 
-def test_no_pulse_is_not_good(trial: Trial) -> None:
+def test_no_pulse_is_not_good(trial):
     pulses, forces = trial
     silent = replace(pulses, intensity=np.zeros(len(pulses)))
     assert judged((silent, forces)).line == 'no: there is no pulse above intensity 0'
@@ -200,7 +192,7 @@ def test_no_pulse_is_not_good(trial: Trial) -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize('seed', [1, 2, 3])
-def test_the_paper_s_recursion_is_not_called_good_where_it_is_absurd(seed: int) -> None:
+def test_the_paper_s_recursion_is_not_called_good_where_it_is_absurd(seed):
     """A slow sinusoid with noise: the twitch comes out ten times as high as it is, or worse."""
     time = np.arange(20 * 36) / 20.0
     slow = simulated(0.5 - 0.5 * np.cos(2.0 * np.pi * time / 9.0), 36, seed)
@@ -211,14 +203,14 @@ def test_the_paper_s_recursion_is_not_called_good_where_it_is_absurd(seed: int) 
     assert verdict_of(right, *slow).grade == 'good'
 
 
-def test_a_stronger_muscle_can_be_expected(trial: Trial) -> None:
+def test_a_stronger_muscle_can_be_expected(trial):
     strong = with_force(trial, lambda force: 102.0 * force)
     assert judged(strong, settings=VerdictSettings(expected_force=2000.0)).grade == 'good'
     with pytest.raises(IdentificationError, match=r'expected a largest force above 0 N, got 0'):
         VerdictSettings(expected_force=0.0)
 
 
-def test_some_invalid_intensities_are_named_as_the_cause(trial: Trial) -> None:
+def test_some_invalid_intensities_are_named_as_the_cause(trial):
     pulses, forces = trial
     low = np.where(pulses.intensity < 0.15, -pulses.intensity, pulses.intensity)
     count = np.count_nonzero(low < 0.0)
@@ -230,7 +222,7 @@ def test_some_invalid_intensities_are_named_as_the_cause(trial: Trial) -> None:
 
 
 @pytest.mark.parametrize('count', [1, 20 * SECONDS])
-def test_a_good_verdict_on_one_intensity_is_one_on_the_dynamics(count: int) -> None:
+def test_a_good_verdict_on_one_intensity_is_one_on_the_dynamics(count):
     verdict = judged(simulated(np.full(count, 0.8)))
     assert verdict.grade == 'good', verdict.line
     assert verdict.reasons[0].startswith(
@@ -238,7 +230,7 @@ def test_a_good_verdict_on_one_intensity_is_one_on_the_dynamics(count: int) -> N
     )
 
 
-def test_the_estimates_that_are_needed_are_among_those_of_any_finer_grid() -> None:
+def test_the_estimates_that_are_needed_are_among_those_of_any_finer_grid():
     assert [doublings(value) for value in (0.0, 1.0, 1.1, 2.0, 9.0)] == [1, 1, 2, 2, 16]
     for duration in (0.0, 0.5, 3.0, 40.0, 3600.0):
         steps = period_of_estimates(duration) / StreamSettings().estimate_period
@@ -247,7 +239,7 @@ def test_the_estimates_that_are_needed_are_among_those_of_any_finer_grid() -> No
         assert duration <= 8 * period_of_estimates(duration) or duration == 0.0
 
 
-def test_the_simulated_force_is_that_of_the_estimated_muscle(trial: Trial) -> None:
+def test_the_simulated_force_is_that_of_the_estimated_muscle(trial):
     pulses, forces = trial
     last = identify(estimator_by_name('batch'), pulses, forces).last
     stated = simulated_force(last, pulses, forces.stamp_ns)

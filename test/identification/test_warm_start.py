@@ -19,9 +19,7 @@ from rpms_ros.identification.estimation.prior import known_from, warm_start
 from rpms_ros.identification.model.recruitment import nearest_arctangents, recruitment_curve
 from rpms_ros.identification.stream.stream import save
 from rpms_ros.muscle import Contraction, IntensityRecruitment, Subject
-from rpms_ros.muscle.recruitment import (
-    PARAMETER_NAMES,
-)
+from rpms_ros.muscle.recruitment import PARAMETER_NAMES
 from rpms_ros.pulses import ForceTrace, PulseTrain
 
 LAST_TIME = Subject()
@@ -66,7 +64,7 @@ def other_day():
     return replace(LAST_TIME, recruitment=shape, maximum_force=9.3)
 
 
-def test_a_result_does_as_well(saved, tmp_path) -> None:
+def test_a_result_does_as_well(saved, tmp_path):
     known, path = known_from(saved), tmp_path / 'result.json'
     time = np.arange(0.0, 0.4, 5e-3)
     intensity = np.linspace(0.0, 1.0, 101)
@@ -104,7 +102,7 @@ def test_a_result_does_as_well(saved, tmp_path) -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize('name', ['batch', 'tracking'])
-def test_what_was_saved_is_the_muscle_of_the_estimate(name, tmp_path) -> None:
+def test_what_was_saved_is_the_muscle_of_the_estimate(name, tmp_path):
     """With a latency and a time constant for which batch and tracking choose their functions."""
     subject = replace(LAST_TIME, latency=20e-3, time_constant=20e-3)
     _, stream = errors(subject, 12.0, 1, estimator=(name,))
@@ -115,7 +113,7 @@ def test_what_was_saved_is_the_muscle_of_the_estimate(name, tmp_path) -> None:
     np.testing.assert_allclose(response, estimate.response_force, atol=1e-6)
 
 
-def test_what_says_nothing_of_a_muscle_is_refused(tmp_path, saved) -> None:
+def test_what_says_nothing_of_a_muscle_is_refused(tmp_path, saved):
     path = tmp_path / 'file'
     for text in ('{}', '[1]', '{"recruitment": null}', 'no JSON'):
         path.write_text(text)
@@ -130,7 +128,7 @@ def test_what_says_nothing_of_a_muscle_is_refused(tmp_path, saved) -> None:
         warm_start(estimator_by_name('recursive'), saved)
 
 
-def test_a_session_that_has_begun_is_not_started_again(saved) -> None:
+def test_a_session_that_has_begun_is_not_started_again(saved):
     _, stream = errors(LAST_TIME, 1.0, 4)
     with pytest.raises(IdentificationError, match='expected a fresh estimator'):
         warm_start(stream.estimator, saved)
@@ -144,7 +142,7 @@ def tracked_fixture(tmp_path_factory):
 
 
 @pytest.mark.long
-def test_tracking_keeps_what_it_knew_of_a_patient_who_has_changed_little(tracked) -> None:
+def test_tracking_keeps_what_it_knew_of_a_patient_who_has_changed_little(tracked):
     # A few pulses alone have many explanations; that they prefer another is no contradiction.
     subject = replace(other_day(), time_constant=1.03 * LAST_TIME.time_constant)
     seeds = (9, 15, 17, 24, 27)
@@ -155,7 +153,7 @@ def test_tracking_keeps_what_it_knew_of_a_patient_who_has_changed_little(tracked
 
 
 @pytest.mark.long
-def test_tracking_starts_from_what_it_knew(tracked) -> None:
+def test_tracking_starts_from_what_it_knew(tracked):
     known = known_from(tracked)
     assert known.theta[0] == pytest.approx(LAST_TIME.recruitment.threshold, abs=0.005)
     warm, stream = errors(other_day(), 1.5, 2, tracked, ('tracking',))
@@ -169,7 +167,7 @@ def test_tracking_starts_from_what_it_knew(tracked) -> None:
 
 
 @pytest.mark.long
-def test_tracking_gives_up_what_was_another_muscle(tracked) -> None:
+def test_tracking_gives_up_what_was_another_muscle(tracked):
     shape = IntensityRecruitment(0.62, 0.9, 5.0, 8.0).normalised()
     stranger = Subject(28e-3, 9e-3, recruitment=shape, maximum_force=31.0)
     wrong, _ = errors(stranger, 4.0, 3, tracked, ('tracking',))

@@ -4,7 +4,6 @@
 
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -45,20 +44,15 @@ print(sorted(f'{module}.{name}' for module, name, _ in ready() - before))
 
 
 @pytest.mark.long
-def test_nothing_is_left_to_compile() -> None:
+def test_nothing_is_left_to_compile():
     """A muscle that changes runs other code."""
     answer = subprocess.run(
-        [sys.executable, '-c', PROGRAM, 'tracking'],
-        capture_output=True,
-        text=True,
-        check=True,
+        [sys.executable, '-c', PROGRAM, 'tracking'], capture_output=True, text=True, check=True
     )
     assert answer.stdout == '[]\n'
 
 
-def test_what_is_slow_is_done_once_on_a_machine(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_slow_is_done_once_on_a_machine(tmp_path, monkeypatch):
     built: list[Estimator] = []
     told: list[int] = []
 

@@ -25,18 +25,12 @@ onsets = st.lists(st.integers(0, 3 * NANOSECONDS_PER_SECOND), min_size=1, max_si
 stamps = st.lists(st.integers(0, 4 * NANOSECONDS_PER_SECOND), min_size=1, max_size=30)
 
 
-def intensities_of(onset_ns: IntArray) -> FloatArray:
+def intensities_of(onset_ns) -> FloatArray:
     """Return some intensity for each onset, the same one in every call."""
     return np.asarray(onset_ns % 1009 / 1009)
 
 
-def superposition(
-    subject: Subject,
-    onset_ns: IntArray,
-    intensity: FloatArray,
-    stamp_ns: IntArray,
-    rate_hz: float | None,
-) -> FloatArray:
+def superposition(subject, onset_ns, intensity, stamp_ns, rate_hz) -> FloatArray:
     """Return Eq. (11) as it stands: a sum of twitches over every pulse there has been."""
     rates = np.full(len(onset_ns), rate_hz)
     if rate_hz is None:
@@ -51,21 +45,19 @@ def superposition(
     return total
 
 
-def regular_train(seconds: float, start_ns: int = 0) -> PulseTrain:
+def regular_train(seconds, start_ns=0) -> PulseTrain:
     """Return pulses of varied intensity at 20 Hz."""
     generator = np.random.default_rng(3)
     return PulseTrain.regular(generator.uniform(size=round(20 * seconds)), 20.0, start_ns)
 
 
-def grid(start_s: float, stop_s: float) -> IntArray:
+def grid(start_s, stop_s) -> IntArray:
     """Return stamps at 1 kHz."""
     return MILLISECOND * np.arange(round(1000 * start_s), round(1000 * stop_s), dtype=np.int64)
 
 
 @given(subjects, onsets, stamps, st.sampled_from([None, 12.0, 20.0, 35.0]))
-def test_force_is_the_sum_of_all_twitches(
-    subject: Subject, onset: list[int], stamp: list[int], rate_hz: float | None
-) -> None:
+def test_force_is_the_sum_of_all_twitches(subject, onset, stamp, rate_hz):
     onset_ns = np.sort(np.array(onset))
     intensity = intensities_of(onset_ns)
     contraction = Contraction(subject, rate_hz)
@@ -77,7 +69,7 @@ def test_force_is_the_sum_of_all_twitches(
 
 
 @given(subjects, st.lists(st.integers(1, 2000), max_size=8))
-def test_block_length_changes_no_bit(subject: Subject, cuts: list[int]) -> None:
+def test_block_length_changes_no_bit(subject, cuts):
     train = regular_train(2.0)
     stamp_ns = grid(0.0, 2.0)
     whole = Contraction(subject, window=0.3)
@@ -91,7 +83,7 @@ def test_block_length_changes_no_bit(subject: Subject, cuts: list[int]) -> None:
 
 
 @given(onsets, st.lists(st.integers(0, 290 * MILLISECOND), min_size=30, max_size=30))
-def test_pulses_that_arrive_late_change_no_bit(onset: list[int], delays: list[int]) -> None:
+def test_pulses_that_arrive_late_change_no_bit(onset, delays):
     onset_ns = np.array(onset)
     arrival_ns = onset_ns + np.array(delays[: len(onset)])
     intensity = intensities_of(onset_ns)
@@ -106,7 +98,7 @@ def test_pulses_that_arrive_late_change_no_bit(onset: list[int], delays: list[in
     np.testing.assert_array_equal(stream.force(stamp_ns), punctual.force(stamp_ns))
 
 
-def test_reading_before_the_first_pulse_does_not_close_the_past() -> None:
+def test_reading_before_the_first_pulse_does_not_close_the_past():
     stream = Contraction(average_subject())
     stream.force(grid(1.0, 1.001))
     onset_ns = np.array([960, 1010]) * MILLISECOND
@@ -118,7 +110,7 @@ def test_reading_before_the_first_pulse_does_not_close_the_past() -> None:
     np.testing.assert_allclose(stream.force(grid(0.95, 1.2)), expected, rtol=1e-12, atol=1e-12)
 
 
-def test_a_pulse_from_before_the_window_acts_at_its_own_time() -> None:
+def test_a_pulse_from_before_the_window_acts_at_its_own_time():
     train = regular_train(3.0)
     late = np.array([512 * MILLISECOND + 77])
     stream = Contraction(average_subject(), fixed_rate_hz=20.0, window=0.5)
@@ -134,7 +126,7 @@ def test_a_pulse_from_before_the_window_acts_at_its_own_time() -> None:
 
 
 @pytest.mark.parametrize('rate_hz', [15.0, 20.0, 25.0, 35.0])
-def test_a_long_train_reaches_the_steady_mean_force(rate_hz: float) -> None:
+def test_a_long_train_reaches_the_steady_mean_force(rate_hz):
     subject = average_subject()
     train = PulseTrain.regular(np.full(200, 0.9), rate_hz)
     contraction = Contraction(subject)
@@ -149,14 +141,14 @@ def test_a_long_train_reaches_the_steady_mean_force(rate_hz: float) -> None:
 
 
 @pytest.mark.parametrize('intensity', [-0.01, 1.01, float('nan'), float('inf')])
-def test_a_bad_intensity_adds_nothing(intensity: float) -> None:
+def test_a_bad_intensity_adds_nothing(intensity):
     contraction = Contraction(average_subject())
     with pytest.raises(MuscleError, match='expected intensities from 0 to 1, got'):
         contraction.add_pulses([0, 1], [1.0, intensity])
     np.testing.assert_array_equal(contraction.force(50 * MILLISECOND), 0.0)
 
 
-def test_force_cannot_be_read_from_before_the_window() -> None:
+def test_force_cannot_be_read_from_before_the_window():
     contraction = Contraction(average_subject(), window=0.1)
     contraction.add_pulses([0, 50 * MILLISECOND], [1.0, 1.0])
     contraction.force(NANOSECONDS_PER_SECOND)

@@ -145,6 +145,6 @@ SLOPES = ('threshold_slope', 'saturation_slope')
         ),
     ],
 )
-def test_values_that_cannot_be_are_refused(make, fault) -> None:
+def test_values_that_cannot_be_are_refused(make, fault):
     with pytest.raises(MuscleError, match=fault):
         make()

@@ -1,21 +1,26 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Scenario files: what they say, and what is refused with line and key."""
+"""Scenario files and what is refused in them; a simulated session and its true state."""
 
 import re
 
+import numpy as np
 import pytest
 
 from rpms_ros.errors import MuscleError
+from rpms_ros.muscle import Contraction, simulation_subject
 from rpms_ros.muscle.scenario import (
+    Scenario,
     Tremor,
     VoluntaryEffort,
     load_scenario,
     scenario_from_text,
     scenario_names,
 )
-from rpms_ros.muscle.sensor import SensorFault
-from rpms_ros.muscle.time_varying import Change, Fatigue
+from rpms_ros.muscle.sensor import Disturbances, SensorFault
+from rpms_ros.muscle.simulation import Surroundings, simulate_session
+from rpms_ros.muscle.time_varying import Change, Fatigue, LivingSettings, muscle_of
+from rpms_ros.pulses import PulseTrain
 
 TEXT = """\
 name: example
@@ -44,7 +49,7 @@ sensor_faults:
 """
 
 
-def test_a_scenario_is_what_its_file_says() -> None:
+def test_a_scenario_is_what_its_file_says():
     scenario = scenario_from_text(TEXT)
     assert scenario.name == 'example'
     assert scenario.living.fatigue == Fatigue(0.02, 0.01)
@@ -58,7 +63,7 @@ def test_a_scenario_is_what_its_file_says() -> None:
     assert scenario.sensor_faults == (SensorFault('clipped', 1.0, 2.0, 6.0),)
 
 
-def test_what_is_needed_is_enough() -> None:
+def test_what_is_needed_is_enough():
     """As docs/scenarios.md states it."""
     scenario = scenario_from_text(NEEDED)
     assert len(scenario.efforts) == 4
@@ -71,7 +76,7 @@ def test_what_is_needed_is_enough() -> None:
                 scenario_from_text(short)
 
 
-def test_the_scenarios_of_the_package_can_be_loaded() -> None:
+def test_the_scenarios_of_the_package_can_be_loaded():
     assert scenario_names() == (
         'bad-sensor', 'coil-moved', 'fatigue', 'restless', 'steady', 'voluntary',
     )  # fmt: skip
@@ -106,15 +111,59 @@ def test_the_scenarios_of_the_package_can_be_loaded() -> None:
         ('name: example', 'name: example\nname: x', r'line 2, name: expected the key once'),
     ],
 )
-def test_faults_are_named_by_line_and_key(before: str, after: str, fault: str) -> None:
+def test_faults_are_named_by_line_and_key(before, after, fault):
     with pytest.raises(MuscleError, match=fault):
         scenario_from_text(TEXT.replace(before, after, 1))
 
 
-def test_faults_name_the_file(tmp_path) -> None:
+def test_faults_name_the_file(tmp_path):
     path = tmp_path / 'mine.yaml'
     path.write_text('fatigue: 3')
     with pytest.raises(MuscleError, match=r'mine.yaml: line 1, fatigue: expected keys and values'):
         load_scenario(str(path))
     with pytest.raises(MuscleError, match=r'expected a scenario of bad-sensor, .*, got .nowhere.'):
         load_scenario('nowhere')
+
+
+START_NS = 1_700_000_000_000_000_000
+SECONDS = 4
+STAMP_NS = START_NS + 1_000_000 * np.arange(1000 * SECONDS, dtype=np.int64)
+PULSES = PulseTrain.regular(np.linspace(0.2, 1.0, 20 * SECONDS), 20.0, START_NS)
+SCENARIO = Scenario(
+    living=LivingSettings(changes=(Change(2.0, gain=0.5, threshold=0.55),)),
+    efforts=(VoluntaryEffort(at=1.0, duration=1.0, peak=2.0),),
+    disturbances=Disturbances(noise=0.02, artifact=0.5),
+    sensor_faults=(SensorFault('lost', 3.0, 0.1), SensorFault('frozen', 3.5, 0.2)),
+)
+
+
+def session(scenario, truth_rate=0.0):
+    muscle = muscle_of(simulation_subject(), scenario.living, 20.0)
+    return simulate_session(muscle, Surroundings(scenario, 1), PULSES, STAMP_NS, truth_rate)
+
+
+def test_a_steady_session_is_the_contraction():
+    steady = Contraction(simulation_subject(), 20.0)
+    steady.add_pulses(PULSES.onset_ns, PULSES.intensity)
+    trace, truths = session(Scenario())
+    np.testing.assert_array_equal(trace.force, steady.force(STAMP_NS))
+    assert not truths
+
+
+def test_noting_the_truth_changes_no_bit():
+    alone, _ = session(SCENARIO)
+    beside, truths = session(SCENARIO, truth_rate=10.0)
+    np.testing.assert_array_equal(alone.stamp_ns, beside.stamp_ns)
+    np.testing.assert_array_equal(alone.force, beside.force)
+    assert len(truths) == 10 * SECONDS
+
+
+def test_the_truth_tells_what_happened():
+    _, truths = session(SCENARIO, truth_rate=10.0)
+    at = {round((truth.stamp_ns - START_NS) / 1e9, 1): truth for truth in truths}
+    assert (at[1.5].state.gain, at[1.5].state.threshold) == (1.0, 0.48)
+    assert (at[2.5].state.gain, at[2.5].state.threshold) == (0.5, 0.55)
+    # the peak of the effort lies 1 ms after this truth
+    assert at[1.5].effort == pytest.approx(2.0, rel=1e-4)
+    assert at[2.5].effort == 0.0
+    assert at[1.5].curve_force[-1] == pytest.approx(10.0)

@@ -1,10 +1,13 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Presets, random subjects, and what one pulse adds to the force."""
+"""Subjects, what one pulse adds to the force, the twitch and the sum of many."""
+
+import math
 
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
+from scipy.integrate import quad
 
 from rpms_ros.muscle import (
     SUBJECTS,
@@ -14,12 +17,14 @@ from rpms_ros.muscle import (
     simulation_subject,
     steady_mean,
     subject_by_name,
+    twitch,
+    twitch_area,
 )
 
 EVERY_INTENSITY = np.linspace(0.0, 1.0, 101)
 
 
-def test_the_simulation_is_a_plant_of_the_identified_form() -> None:
+def test_the_simulation_is_a_plant_of_the_identified_form():
     theta = RecruitmentParameters(0.48, 0.98, 4.0, 6.0)
     form = identified_recruitment(theta, EVERY_INTENSITY)
     # Two ways to compute one curve: rounding only.
@@ -29,13 +34,13 @@ def test_the_simulation_is_a_plant_of_the_identified_form() -> None:
 
 
 @pytest.mark.parametrize('name', list(SUBJECTS))
-def test_full_intensity_gives_the_maximum_force(name: str) -> None:
+def test_full_intensity_gives_the_maximum_force(name):
     # rho_u(1) is 0.9997 with Table 3; the others are exact.
     assert subject_by_name(name).steady_force(1.0, 20.0) == pytest.approx(10.0, rel=3e-4)
 
 
 @given(st.floats(0.0, 1.0), st.floats(15.0, 100.0))
-def test_a_pulse_weighs_what_eq_11_says(intensity: float, rate_hz: float) -> None:
+def test_a_pulse_weighs_what_eq_11_says(intensity, rate_hz):
     subject = average_subject()
     share = subject.recruitment(intensity) * subject.rate_recruitment(rate_hz)
     expected = share * 10.0 / subject.rate_recruitment(20.0) / steady_mean(rate_hz, 38.44e-3)
@@ -44,10 +49,41 @@ def test_a_pulse_weighs_what_eq_11_says(intensity: float, rate_hz: float) -> Non
 
 
 @given(st.floats(0.0, 15.0))
-def test_slow_pulses_weigh_all_the_same(rate_hz: float) -> None:
+def test_slow_pulses_weigh_all_the_same(rate_hz):
     subject = average_subject()
     assert subject.pulse_weight(0.8, rate_hz) == subject.pulse_weight(0.8, 15.0)
     # Then the mean force is proportional to the rate; products in another order.
     assert subject.steady_force(0.8, rate_hz) == pytest.approx(
         float(subject.steady_force(0.8, 15.0)) * rate_hz / 15.0, rel=1e-13
     )
+
+
+time_constants = st.floats(5e-3, 0.2)
+orders = st.floats(1.0, 6.0)
+
+
+@given(time_constants, st.floats(1.01, 6.0))
+def test_the_peak_is_one_and_lies_after_n_minus_1_time_constants(time_constant, order):
+    peak_time = (order - 1.0) * time_constant
+    # Rounding in exponent and power.
+    assert twitch(peak_time, time_constant, order) == pytest.approx(1.0, rel=1e-13)
+    around = twitch(peak_time * np.linspace(0.0, 5.0, 1001), time_constant, order)
+    assert around.max() <= 1.0 + 1e-13
+
+
+@given(time_constants, orders)
+def test_area_is_the_integral(time_constant, order):
+    integral = quad(
+        lambda scaled: float(twitch(scaled * time_constant, time_constant, order)),
+        0.0,
+        60.0,
+        epsabs=1e-12,
+        epsrel=1e-12,
+        limit=200,
+    )[0]
+    # The quadrature meets a root singularity at 0 if the order is not whole.
+    area = twitch_area(time_constant, order)
+    assert area == pytest.approx(integral * time_constant, rel=1e-7)
+    assert steady_mean(20.0, time_constant, order) == 20.0 * area
+    # rounding
+    assert twitch_area(time_constant) == pytest.approx(time_constant * math.e**2 / 2, rel=1e-14)

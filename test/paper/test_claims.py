@@ -14,26 +14,24 @@ from rpms_ros.identification import (
     TABLE_5,
     DistortedSineBasis,
     ModifiedRecursiveLM,
-    RecursiveSettings,
 )
 from rpms_ros.muscle import (
     Contraction,
     IntensityRecruitment,
     RecruitmentParameters,
-    Subject,
     average_subject,
     identified_recruitment,
     simulation_subject,
     twitch,
 )
-from rpms_ros.pulses import FloatArray, IntArray, PulseTrain
+from rpms_ros.pulses import FloatArray, PulseTrain
 
 MILLISECOND = 1_000_000
 RATE = 20.0
 SECONDS = 90
 
 
-def random_train(seed: int) -> PulseTrain:
+def random_train(seed) -> PulseTrain:
     return PulseTrain.regular(np.random.default_rng(seed).uniform(size=SECONDS * 20), RATE)
 
 
@@ -42,19 +40,19 @@ def sinusoidal_train() -> PulseTrain:
     return PulseTrain.regular(0.5 - 0.5 * np.cos(phase), RATE)
 
 
-def force_of(subject: Subject, train: PulseTrain, stamp_ns: IntArray) -> FloatArray:
+def force_of(subject, train, stamp_ns) -> FloatArray:
     contraction = Contraction(subject, fixed_rate_hz=RATE)
     contraction.add_pulses(train.onset_ns, train.intensity)
     return contraction.force(stamp_ns)
 
 
-def curve_error(subject: Subject, curve: FloatArray) -> float:
+def curve_error(subject, curve) -> float:
     """Return the worst error of the steady force over the intensity, relative to its maximum."""
     true = subject.steady_force(CURVE_INTENSITY, RATE)
     return float(np.abs(curve - true).max() / true.max())
 
 
-def norm_ratio(error: FloatArray, reference: FloatArray) -> float:
+def norm_ratio(error, reference) -> float:
     return float(np.linalg.norm(error) / np.linalg.norm(reference))
 
 
@@ -68,9 +66,7 @@ def norm_ratio(error: FloatArray, reference: FloatArray) -> float:
         (49.8e-3, 120.0, 1.0),
     ],
 )
-def test_eight_distorted_sines_represent_a_twitch(
-    time_constant: float, form_factor: float, percent: float
-) -> None:
+def test_eight_distorted_sines_represent_a_twitch(time_constant, form_factor, percent):
     taps = 1e-3 * np.arange(1, 351)
     functions = DistortedSineBasis(8, 350, form_factor).evaluate(taps)
     response = twitch(taps, time_constant)
@@ -80,7 +76,7 @@ def test_eight_distorted_sines_represent_a_twitch(
 
 
 @pytest.mark.parametrize(('time_constant', 'percent'), [(38.44e-3, 0.8), (49.8e-3, 4.1)])
-def test_truncation_alone(time_constant: float, percent: float) -> None:
+def test_truncation_alone(time_constant, percent):
     response = twitch(1e-3 * np.arange(1, 2001), time_constant)
     # Two digits, as stated.
     assert 100.0 * norm_ratio(response[350:], response) == pytest.approx(percent, abs=0.05)
@@ -95,9 +91,7 @@ class Batch:
     curve_error: float
 
 
-def batch(
-    subject: Subject, train: PulseTrain, basis: DistortedSineBasis, alpha_thr: float = 6.0
-) -> Batch:
+def batch(subject, train, basis, alpha_thr=6.0) -> Batch:
     """Return the minimum of Eq. (23), from the start values of Sec. 3.3.3."""
     # Every seventh sample: 7 and the 50 of a period have no common factor, so all lags occur.
     stamp_ns = MILLISECOND * np.arange(0, 40_000, 7, dtype=np.int64)
@@ -134,9 +128,7 @@ def batch(
     ],
     ids=['random', 'sinusoid', 'random, 16 functions over 600 ms'],
 )
-def test_the_floor_of_table_4(
-    train: PulseTrain, size: tuple[int, int], least: float, most: float, curve: float
-) -> None:
+def test_the_floor_of_table_4(train, size, least, most, curve):
     found = batch(simulation_subject(), train, DistortedSineBasis(*size))
     assert least < found.output_error < most
     assert found.curve_error < curve
@@ -155,8 +147,8 @@ def test_the_floor_of_table_4(
     ids=['random 6', 'random 5', 'sinusoid 6', 'sinusoid 5'],
 )
 def test_the_wrong_alpha_thr_leaves_an_error_for_ever(
-    train: PulseTrain, alpha_thr: float, output_percent: float, curve_percent: float
-) -> None:
+    train, alpha_thr, output_percent, curve_percent
+):
     bent_at_5 = IntensityRecruitment(0.48, 0.98, 5.0, 4.0).normalised()
     subject = replace(simulation_subject(), recruitment=bent_at_5)
     found = batch(subject, train, DistortedSineBasis(16, 600), alpha_thr)
@@ -165,13 +157,7 @@ def test_the_wrong_alpha_thr_leaves_an_error_for_ever(
     assert 100 * found.curve_error == pytest.approx(curve_percent, rel=0.1, abs=0.015)
 
 
-def recursion(
-    settings: RecursiveSettings,
-    train: PulseTrain,
-    seed: int,
-    subject: Subject | None = None,
-    convergence: int = 36_000,
-) -> tuple[float, float]:
+def recursion(settings, train, seed, subject=None, convergence=36_000) -> tuple[float, float]:
     """Return the curve error after convergence and the relative output error from then on."""
     subject = subject or simulation_subject()
     stamp_ns = MILLISECOND * np.arange(SECONDS * 1000, dtype=np.int64)
@@ -187,7 +173,7 @@ def recursion(
     return curve_error(subject, at_convergence), output_error
 
 
-def test_table_4_converges_within_36_s_to_the_floor() -> None:
+def test_table_4_converges_within_36_s_to_the_floor():
     results = np.array([recursion(TABLE_4, random_train(seed), seed) for seed in range(1, 6)])
     assert results[:, 1].max() < 0.006
     # Below 0.1 %, as the paper has it, is out of reach with that basis: see the floor above.
@@ -200,13 +186,13 @@ def test_table_4_converges_within_36_s_to_the_floor() -> None:
 @pytest.mark.parametrize(
     'seed', [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in range(1, 21))]
 )
-def test_with_the_sinusoid_the_error_is_below_a_thousandth(seed: int) -> None:
+def test_with_the_sinusoid_the_error_is_below_a_thousandth(seed):
     # Only the output: how far the curve drifts where the intensity is low hangs on the rounding.
     _, output = recursion(TABLE_4, sinusoidal_train(), seed)
     assert output < 0.001
 
 
-def test_the_plain_derivative_loses_the_curve_under_the_sinusoid_alone() -> None:
+def test_the_plain_derivative_loses_the_curve_under_the_sinusoid_alone():
     curve, output = recursion(replace(TABLE_4, projected=False), sinusoidal_train(), 0)
     assert curve > 0.3
     # Linear parameters that forget within 0.1 s hide it: the output error is small all the same.
@@ -217,7 +203,7 @@ def test_the_plain_derivative_loses_the_curve_under_the_sinusoid_alone() -> None
         assert output < 0.006
 
 
-def test_table_5_identifies_the_average_subject() -> None:
+def test_table_5_identifies_the_average_subject():
     curve, output = recursion(TABLE_5, sinusoidal_train(), 0, average_subject(), 80_000)
     assert curve < 0.05
     assert output < 0.01

@@ -25,7 +25,7 @@ INTENSITY = np.linspace(0.0, 1.0, 101)
 
 
 @pytest.mark.parametrize('order', [3, 4, 5])
-def test_equation_2_has_a_surplus_factor(order: int) -> None:
+def test_equation_2_has_a_surplus_factor(order):
     power = order - 1
     time = power * T_A
     printed = time**power * math.exp(-time / T_A) / ((power * T_A) ** power * power)
@@ -35,14 +35,14 @@ def test_equation_2_has_a_surplus_factor(order: int) -> None:
     assert twitch(time, T_A, order) == pytest.approx(1.0, rel=1e-13)
 
 
-def test_equation_9_has_beta_2_inside_the_bracket() -> None:
+def test_equation_9_has_beta_2_inside_the_bracket():
     bends = IntensityRecruitment(gain=1.0, offset=0.0)(ENDS)
     # Three decimals, as stated; a relative recruitment runs from 0 to 1.
     np.testing.assert_allclose(0.738 * (bends + 0.539), [-0.141, 0.859], atol=6e-4)
     np.testing.assert_allclose(IntensityRecruitment()(ENDS), [0.0002, 0.9997], atol=5e-5)
 
 
-def run(samples: int) -> tuple[ModifiedRecursiveLM, FloatArray, FloatArray]:
+def run(samples) -> tuple[ModifiedRecursiveLM, FloatArray, FloatArray]:
     """Return an estimator with fixed theta, its regressors and its force."""
     train = PulseTrain.regular(np.random.default_rng(2).uniform(size=samples // 50), 20.0)
     stamp_ns = 1_000_000 * np.arange(1, samples + 1, dtype=np.int64)
@@ -59,7 +59,7 @@ def run(samples: int) -> tuple[ModifiedRecursiveLM, FloatArray, FloatArray]:
     return estimator, np.einsum('p,spf->sf', rho, values), force
 
 
-def test_equation_19_has_the_last_error_inside_the_sum() -> None:
+def test_equation_19_has_the_last_error_inside_the_sum():
     estimator, phi, force = run(1000)
     linear = estimator._state.linear
     weight = 0.99 ** np.arange(999, -1, -1.0)
@@ -77,7 +77,7 @@ def test_equation_19_has_the_last_error_inside_the_sum() -> None:
     assert mended(linear) < mended(other)
 
 
-def test_equation_27_inverts_the_old_hessian() -> None:
+def test_equation_27_inverts_the_old_hessian():
     forgetting = 0.99
     printed, mended = 1.0, 1.0
     for _ in range(3000):
@@ -89,7 +89,7 @@ def test_equation_27_inverts_the_old_hessian() -> None:
     assert printed == pytest.approx((1.0 + math.sqrt(1.0 + 4.0 * forgetting)) / 2.0, rel=1e-12)
 
 
-def test_smaller_damping_is_the_gauss_newton_direction() -> None:
+def test_smaller_damping_is_the_gauss_newton_direction():
     hessian = np.array([[2.0, 0.5, 0.1], [0.5, 1.0, 0.2], [0.1, 0.2, 0.05]])
     gradient = np.array([1.0, -0.5, 0.2])
     newton = np.linalg.solve(hessian, gradient)
@@ -104,7 +104,7 @@ def test_smaller_damping_is_the_gauss_newton_direction() -> None:
     assert alignment(1e-9, gradient) < 0.9
 
 
-def test_equation_31_has_one_tap_too_many() -> None:
+def test_equation_31_has_one_tap_too_many():
     basis = DistortedSineBasis()
     taps = np.arange(0, 351)
     printed = np.sin(
@@ -120,7 +120,7 @@ def test_equation_31_has_one_tap_too_many() -> None:
     np.testing.assert_allclose(functions.T @ functions, np.eye(8), atol=1e-11)
 
 
-def test_theta_begins_with_the_threshold() -> None:
+def test_theta_begins_with_the_threshold():
     start = TABLE_4.start
     assert (start.u_thr, start.u_sat) == (0.40, 0.90)
     as_listed = RecruitmentParameters(u_thr=0.90, u_sat=0.40, alpha_sat=3.0)

@@ -20,7 +20,7 @@ T_A = 38.44e-3
 T_S = 1e-3
 
 
-def test_sum_of_a_twitch() -> None:
+def test_sum_of_a_twitch():
     total = twitch(T_S * np.arange(1001), T_A).sum()
     # Three decimals, as stated.
     assert total == pytest.approx(142.018, abs=5e-4)
@@ -28,14 +28,14 @@ def test_sum_of_a_twitch() -> None:
     assert T_A * math.e**2 / (2 * T_S) == pytest.approx(142.018, abs=5e-4)
 
 
-def test_mean_of_the_summed_response_at_20_hz() -> None:
+def test_mean_of_the_summed_response_at_20_hz():
     # Four decimals, as stated.
     assert steady_mean(20.0, T_A) == pytest.approx(2.8404, abs=5e-5)
     last_period = summed_twitches(2.0 + 0.05 * np.arange(50) / 50, 20.0, T_A)
     assert last_period.mean() == pytest.approx(2.8404, abs=5e-5)
 
 
-def test_the_extrapolated_weight_of_a_slow_pulse_is_spoiled_by_rounding() -> None:
+def test_the_extrapolated_weight_of_a_slow_pulse_is_spoiled_by_rounding():
     rate = RateRecruitment()
     raw = [float(rate(value) / value) for value in (1.0, 0.01, 0.001)]
     # In thousandths of a second: at 15 Hz it is 52.3, below it is lost, then negative.
@@ -44,14 +44,14 @@ def test_the_extrapolated_weight_of_a_slow_pulse_is_spoiled_by_rounding() -> Non
     np.testing.assert_allclose(1e3 * kept, 52.33, atol=0.005)
 
 
-def test_weights_of_the_first_pulse_of_a_train_and_of_a_doublet() -> None:
+def test_weights_of_the_first_pulse_of_a_train_and_of_a_doublet():
     rate = RateRecruitment()
     assert rate.per_pulse(0.0) / rate.per_pulse(20.0) == pytest.approx(1.048, abs=5e-4)
     # The share of a lone pulse's weight that a second one has a millisecond later.
     assert rate.per_pulse(1000.0) / rate.per_pulse(0.0) == pytest.approx(0.0297, abs=5e-5)
 
 
-def test_share_of_random_shapes_that_are_drawn_again() -> None:
+def test_share_of_random_shapes_that_are_drawn_again():
     class Counting:
         """A generator that counts its uniform draws."""
 

@@ -13,11 +13,7 @@ from rpms_ros.identification import (
     ModifiedRecursiveLM,
     RecursiveSettings,
 )
-from rpms_ros.identification.recursion.paper_kernel import (
-    RecursionState,
-    _judge,
-    _update_linear,
-)
+from rpms_ros.identification.recursion.paper_kernel import RecursionState, _judge, _update_linear
 from rpms_ros.muscle import (
     Contraction,
     RecruitmentParameters,
@@ -41,7 +37,7 @@ def plant_force() -> FloatArray:
     return contraction.force(STAMP_NS) + NOISE
 
 
-def regressors(stamp_ns: int, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+def regressors(stamp_ns, theta) -> tuple[FloatArray, FloatArray]:
     """Return phi (functions,) and d phi / d theta (functions, 3) out of all pulses."""
     values = BASIS.evaluate((stamp_ns - TRAIN.onset_ns) * 1e-9)
     rho, slope = identified_recruitment_with_gradient(
@@ -50,7 +46,7 @@ def regressors(stamp_ns: int, theta: FloatArray) -> tuple[FloatArray, FloatArray
     return values.T @ rho, values.T @ slope[:, :3]
 
 
-def copied(state: RecursionState) -> RecursionState:
+def copied(state) -> RecursionState:
     return RecursionState(*(part.copy() for part in state))
 
 
@@ -135,7 +131,7 @@ class Step:
 
 
 @pytest.fixture(scope='module', params=[True, False], ids=['projected', 'plain'])
-def steps(request: pytest.FixtureRequest) -> list[Step]:
+def steps(request) -> list[Step]:
     """Single samples taken out of a running recursion."""
     settings = replace(TABLE_4, projected=request.param)
     estimator = ModifiedRecursiveLM(settings)
@@ -161,7 +157,7 @@ def steps(request: pytest.FixtureRequest) -> list[Step]:
     return taken
 
 
-def test_equations_12_and_13_predict_from_pulses_and_parameters(steps: list[Step]) -> None:
+def test_equations_12_and_13_predict_from_pulses_and_parameters(steps):
     for step in steps:
         # Sums of 7 pulses and 8 functions, in another order.
         assert step.prediction == pytest.approx(
@@ -169,7 +165,7 @@ def test_equations_12_and_13_predict_from_pulses_and_parameters(steps: list[Step
         )
 
 
-def test_equation_14_composes_the_impulse_response() -> None:
+def test_equation_14_composes_the_impulse_response():
     estimator = ModifiedRecursiveLM(TABLE_4)
     estimator.add_pulses(TRAIN.onset_ns, TRAIN.intensity)
     estimator.update(STAMP_NS, plant_force(), np.ones(len(STAMP_NS), dtype=bool))
@@ -180,7 +176,7 @@ def test_equation_14_composes_the_impulse_response() -> None:
     np.testing.assert_allclose(estimate.response_force, impulse_response * full, rtol=1e-12)
 
 
-def test_equations_15_and_16_are_the_truncated_convolution(steps: list[Step]) -> None:
+def test_equations_15_and_16_are_the_truncated_convolution(steps):
     taps = np.arange(1, BASIS.memory_taps + 1)
     functions = BASIS.evaluate(taps * 1e-3)
     on_grid = dict(zip(TRAIN.onset_ns // MILLISECOND, TRAIN.intensity, strict=True))
@@ -202,7 +198,7 @@ def test_equations_15_and_16_are_the_truncated_convolution(steps: list[Step]) ->
         )
 
 
-def frozen_fit(forgetting: float, samples: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+def frozen_fit(forgetting, samples) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return regressors, force and the linear parameters after a run at fixed theta."""
     # So much damping lets the nonlinear parameters stay where they are.
     settings = replace(TABLE_4, forgetting=forgetting, damping=1e30)
@@ -216,7 +212,7 @@ def frozen_fit(forgetting: float, samples: int) -> tuple[FloatArray, FloatArray,
 
 
 @pytest.mark.parametrize('forgetting', [0.99, 0.999])
-def test_equations_17_to_22_linear_least_squares_with_forgetting(forgetting: float) -> None:
+def test_equations_17_to_22_linear_least_squares_with_forgetting(forgetting):
     phi, force, linear = frozen_fit(forgetting, 1500)
     acts = np.abs(phi).max(axis=1) > 0.0
     count = int(acts.sum())
@@ -232,7 +228,7 @@ def test_equations_17_to_22_linear_least_squares_with_forgetting(forgetting: flo
     np.testing.assert_allclose(linear, expected, rtol=1e-6, atol=1e-7)
 
 
-def test_equation_22_one_step(steps: list[Step]) -> None:
+def test_equation_22_one_step(steps):
     for step in steps:
         gain = step.before.covariance @ step.regressor / step.denominator
         # Rounding; the covariance has entries of very different size.
@@ -246,7 +242,7 @@ def test_equation_22_one_step(steps: list[Step]) -> None:
         )
 
 
-def test_equations_20_to_23_elimination_of_the_linear_parameters() -> None:
+def test_equations_20_to_23_elimination_of_the_linear_parameters():
     generator = np.random.default_rng(0)
     phi, psi = generator.standard_normal((50, 8)), generator.standard_normal((50, 3))
     force = generator.standard_normal(50)
@@ -277,7 +273,7 @@ def test_equations_20_to_23_elimination_of_the_linear_parameters() -> None:
     np.testing.assert_array_equal(state.covariance, state.covariance.T)
 
 
-def test_projection_one_step(steps: list[Step]) -> None:
+def test_projection_one_step(steps):
     for step in steps:
         gain = step.before.covariance @ step.regressor / step.denominator
         expected = step.before.projection + np.outer(step.innovation, gain)
@@ -285,7 +281,7 @@ def test_projection_one_step(steps: list[Step]) -> None:
         np.testing.assert_allclose(step.after.projection, expected, rtol=1e-8, atol=1e-9)
 
 
-def test_equations_24_to_26_step_to_the_minimum_of_the_damped_model(steps: list[Step]) -> None:
+def test_equations_24_to_26_step_to_the_minimum_of_the_damped_model(steps):
     taken = 0
     for step in steps:
         moved = step.after.theta[:3] - step.before.theta[:3]
@@ -296,7 +292,7 @@ def test_equations_24_to_26_step_to_the_minimum_of_the_damped_model(steps: list[
     assert taken > 50
 
 
-def test_equation_27_forgets_the_hessian_itself(steps: list[Step]) -> None:
+def test_equation_27_forgets_the_hessian_itself(steps):
     for step in steps:
         outer = step.factor * np.outer(step.derivative, step.derivative)
         expected = step.settings.forgetting * step.before.hessian + outer
@@ -304,7 +300,7 @@ def test_equation_27_forgets_the_hessian_itself(steps: list[Step]) -> None:
         np.testing.assert_allclose(step.after.hessian, expected, rtol=1e-7, atol=1e-10)
 
 
-def test_equation_28_adapts_the_damping_by_the_gain_ratio(steps: list[Step]) -> None:
+def test_equation_28_adapts_the_damping_by_the_gain_ratio(steps):
     margin, kappa = TABLE_4.gain_ratio_margin, TABLE_4.damping_factor
     cases = {'discarded': 0, 'bad': 0, 'fair': 0, 'good': 0}
     for step in steps:
@@ -336,7 +332,7 @@ def test_equation_28_adapts_the_damping_by_the_gain_ratio(steps: list[Step]) -> 
         (3.0, 1.0 / 1.002, True),
     ],
 )
-def test_rules_after_equation_28(ratio: float, change: float, taken: bool) -> None:
+def test_rules_after_equation_28(ratio, change, taken):
     estimator = ModifiedRecursiveLM(TABLE_4)
     constants, state = estimator._constants, estimator._state
     assert _judge(state.scalars, constants, 2.0 * ratio, 2.0) == taken
@@ -344,14 +340,14 @@ def test_rules_after_equation_28(ratio: float, change: float, taken: bool) -> No
     assert state.scalars['damping'][0] == pytest.approx(TABLE_4.damping * change, rel=1e-14)
 
 
-def test_the_condition_number_is_that_of_the_damped_hessian(steps: list[Step]) -> None:
+def test_the_condition_number_is_that_of_the_damped_hessian(steps):
     for step in steps:
         # The Jacobi rotations and the singular values differ by rounding times the condition.
         assert step.after.scalars['condition_number'][0] == pytest.approx(step.condition, rel=1e-9)
 
 
 @pytest.mark.parametrize('limit', [1.5, 1e9])
-def test_the_condition_rule_adds_its_increment(limit: float) -> None:
+def test_the_condition_rule_adds_its_increment(limit):
     settings = replace(TABLE_4, condition_limit=limit, damping_factor=1.0 + 1e-12)
     estimator = ModifiedRecursiveLM(settings)
     estimator.add_pulses(TRAIN.onset_ns[:1], np.array([0.9]))
@@ -365,7 +361,7 @@ def test_the_condition_rule_adds_its_increment(limit: float) -> None:
 
 
 @pytest.mark.parametrize(('form_factor', 'memory'), [(120.0, 350), (45.0, 350), (160.0, 600)])
-def test_equation_31(form_factor: float, memory: int) -> None:
+def test_equation_31(form_factor, memory):
     basis = DistortedSineBasis(8, memory, form_factor)
     taps = np.arange(1, memory + 1)
     bent = np.pi * (1.0 - np.exp(-(taps - 0.5) / form_factor))

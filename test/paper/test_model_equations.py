@@ -33,7 +33,7 @@ INTENSITY = np.linspace(0.0, 1.0, 101)
 TAPS = np.arange(0, 1001)
 
 
-def test_equation_1_is_a_chain_of_equal_poles() -> None:
+def test_equation_1_is_a_chain_of_equal_poles():
     for order in (2, 3, 4):
         # dx/dt = (shift - 1) x / T_a: each pole drives the next one.
         chain = (np.diag(np.ones(order - 1), -1) - np.eye(order)) / T_A
@@ -44,7 +44,7 @@ def test_equation_1_is_a_chain_of_equal_poles() -> None:
 
 
 @pytest.mark.parametrize('order', [2, 3, 4])
-def test_equation_2_has_its_maximum_of_1_at_n_minus_1_time_constants(order: int) -> None:
+def test_equation_2_has_its_maximum_of_1_at_n_minus_1_time_constants(order):
     time = 0.01 * np.arange(100)
     power = order - 1
     scale = (power * T_A) ** power * math.exp(-power)
@@ -55,7 +55,7 @@ def test_equation_2_has_its_maximum_of_1_at_n_minus_1_time_constants(order: int)
     assert twitch(power * T_A, T_A, order) == pytest.approx(1.0, rel=1e-14)
 
 
-def test_equation_3_is_least_at_the_true_time_constant() -> None:
+def test_equation_3_is_least_at_the_true_time_constant():
     measured = twitch(TAPS * T_S, T_A)
     found = minimize_scalar(
         lambda guess: float(np.sum((measured - twitch(TAPS * T_S, guess)) ** 2)),
@@ -68,7 +68,7 @@ def test_equation_3_is_least_at_the_true_time_constant() -> None:
 
 
 @pytest.mark.parametrize('frequency_hz', [0.0, 1.0, 5.0, 20.0])
-def test_equation_4_is_the_laplace_transform_of_a_contraction(frequency_hz: float) -> None:
+def test_equation_4_is_the_laplace_transform_of_a_contraction(frequency_hz):
     latency = 9.45e-3
     s = 2j * math.pi * frequency_hz
     contraction = Contraction(Subject(time_constant=T_A, latency=latency))
@@ -81,13 +81,13 @@ def test_equation_4_is_the_laplace_transform_of_a_contraction(frequency_hz: floa
     assert abs(transform - expected) < 1e-5 * T_A
 
 
-def test_equation_5_is_the_third_order() -> None:
+def test_equation_5_is_the_third_order():
     formula = (TAPS * T_S) ** 2 * np.exp(-TAPS * T_S / T_A) / (4 * T_A**2 * math.exp(-2))
     np.testing.assert_allclose(twitch(TAPS * T_S, T_A), formula, rtol=1e-13)
     np.testing.assert_array_equal(twitch(-TAPS[1:] * T_S, T_A), 0.0)
 
 
-def test_equation_6_superposes() -> None:
+def test_equation_6_superposes():
     k_rep = 50
     total = sum(twitch((TAPS - index * k_rep) * T_S, T_A) for index in range(21))
     # Lags in seconds are rounded in two ways.
@@ -96,7 +96,7 @@ def test_equation_6_superposes() -> None:
     )
 
 
-def test_equation_7_as_average_as_sum_and_as_integral() -> None:
+def test_equation_7_as_average_as_sum_and_as_integral():
     k_rep = 50
     period = summed_twitches((1000 + np.arange(k_rep)) * T_S, 20.0, T_A)
     single = twitch(TAPS * T_S, T_A)
@@ -107,13 +107,13 @@ def test_equation_7_as_average_as_sum_and_as_integral() -> None:
     assert twitch_area(T_A) == pytest.approx(area, rel=1e-10)
 
 
-def test_equation_8_is_a_product() -> None:
+def test_equation_8_is_a_product():
     rates = np.linspace(15.0, 35.0, 5)
     expected = np.outer(IntensityRecruitment()(INTENSITY), RateRecruitment()(rates))
     np.testing.assert_array_equal(RecruitmentField()(INTENSITY[:, None], rates), expected)
 
 
-def test_equation_9() -> None:
+def test_equation_9():
     formula = (
         0.738
         * (
@@ -126,7 +126,7 @@ def test_equation_9() -> None:
     np.testing.assert_allclose(IntensityRecruitment()(INTENSITY), formula, atol=1e-15)
 
 
-def test_equation_10() -> None:
+def test_equation_10():
     rate = np.linspace(0.0, 60.0, 61)
     bend = np.arctan(0.05 * (rate - 25.0)) / np.pi + 0.5
     formula = 0.0597 * (rate - (rate - 25.0) * bend) - 0.321
@@ -135,7 +135,7 @@ def test_equation_10() -> None:
 
 
 @pytest.mark.parametrize('rate_hz', [20.0, 25.0])
-def test_equation_11_is_the_complete_contraction(rate_hz: float) -> None:
+def test_equation_11_is_the_complete_contraction(rate_hz):
     latency_taps = 9
     subject = Subject(time_constant=T_A, latency=latency_taps * T_S, maximum_force=12.0)
     train = PulseTrain.regular(np.full(25, 0.7), rate_hz)
@@ -150,7 +150,7 @@ def test_equation_11_is_the_complete_contraction(rate_hz: float) -> None:
     )
 
 
-def test_equation_11_weights_every_pulse_by_its_own_intensity_and_rate() -> None:
+def test_equation_11_weights_every_pulse_by_its_own_intensity_and_rate():
     subject = Subject(time_constant=T_A, latency=0.0)
     onset_ns = np.array([0, 60, 100, 140, 190]) * 1_000_000
     intensity = np.array([0.6, 0.9, 0.7, 1.0, 0.5])
@@ -169,7 +169,7 @@ def test_equation_11_weights_every_pulse_by_its_own_intensity_and_rate() -> None
     )
 
 
-def test_equation_30() -> None:
+def test_equation_30():
     u_thr, u_sat, alpha_sat = 0.4, 0.9, 3.0
     formula = (
         (INTENSITY - u_thr) * np.arctan(6 * (INTENSITY - u_thr))

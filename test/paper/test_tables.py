@@ -5,7 +5,7 @@
 import numpy as np
 import pytest
 
-from rpms_ros.identification import TABLE_4, TABLE_5, RecursiveSettings
+from rpms_ros.identification import TABLE_4, TABLE_5
 from rpms_ros.muscle import (
     IntensityRecruitment,
     Modality,
@@ -34,7 +34,7 @@ TABLE_6 = [
 ]
 
 
-def assert_fills(values: list[float], low: float, high: float) -> None:
+def assert_fills(values, low, high) -> None:
     """Values lie within a range and use all of it."""
     strip = STRIP * (high - low)
     assert low <= min(values) <= low + strip
@@ -45,7 +45,7 @@ def assert_fills(values: list[float], low: float, high: float) -> None:
     ('modality', 'low', 'high', 'mean'),
     [(Modality.ELECTRICAL, 20.83, 28.24, 24.4), (Modality.MAGNETIC, 6.28, 14.63, 9.45)],
 )
-def test_table_1_latency(modality: Modality, low: float, high: float, mean: float) -> None:
+def test_table_1_latency(modality, low, high, mean):
     # Milliseconds to seconds rounds.
     assert average_subject(modality).latency == pytest.approx(1e-3 * mean, rel=1e-15)
     drawn = [random_subject(np.random.default_rng(seed), modality) for seed in range(MANY)]
@@ -56,28 +56,26 @@ def test_table_1_latency(modality: Modality, low: float, high: float, mean: floa
     ('modality', 'low', 'high', 'mean'),
     [(Modality.ELECTRICAL, 22.58, 53.22, 36.62), (Modality.MAGNETIC, 26.71, 49.81, 38.44)],
 )
-def test_table_2_time_constant(modality: Modality, low: float, high: float, mean: float) -> None:
+def test_table_2_time_constant(modality, low, high, mean):
     # As above.
     assert average_subject(modality).time_constant == pytest.approx(1e-3 * mean, rel=1e-15)
     drawn = [random_subject(np.random.default_rng(seed), modality) for seed in range(MANY)]
     assert_fills([1e3 * subject.time_constant for subject in drawn], low, high)
 
 
-def test_table_3_recruitment_by_intensity() -> None:
+def test_table_3_recruitment_by_intensity():
     expected = IntensityRecruitment(0.48, 0.98, 5.0, 4.0, gain=0.738, offset=0.539)
     assert average_subject().recruitment == expected
 
 
-def test_table_3_recruitment_by_rate() -> None:
+def test_table_3_recruitment_by_rate():
     assert average_subject().rate_recruitment == RateRecruitment(25.0, 0.05, 0.0597, -0.321)
 
 
 @pytest.mark.parametrize(
     ('settings', 'forgetting', 'form_factor'), [(TABLE_4, 0.99, 120.0), (TABLE_5, 0.999, 45.0)]
 )
-def test_tables_4_and_5(
-    settings: RecursiveSettings, forgetting: float, form_factor: float
-) -> None:
+def test_tables_4_and_5(settings, forgetting, form_factor):
     assert settings.damping == 0.001
     assert settings.hessian_scale == 0.0001
     assert settings.forgetting == forgetting
@@ -91,12 +89,12 @@ def test_tables_4_and_5(
     assert settings.basis.tap == 1e-3
 
 
-def test_start_values_of_sections_333_and_334() -> None:
+def test_start_values_of_sections_333_and_334():
     assert RecruitmentParameters(0.40, 0.90, 3.0, 6.0) == TABLE_4.start
     assert RecruitmentParameters(0.40, 0.90, 10.0, 6.0) == TABLE_5.start
 
 
-def test_plant_of_section_333() -> None:
+def test_plant_of_section_333():
     subject = simulation_subject()
     shape = subject.recruitment
     assert (shape.threshold, shape.saturation, shape.saturation_slope) == (0.48, 0.98, 4.0)
@@ -105,7 +103,7 @@ def test_plant_of_section_333() -> None:
 
 
 @pytest.mark.parametrize('row', TABLE_6)
-def test_table_6_lies_within_bounds_and_random_subjects(row: tuple[float, float, float]) -> None:
+def test_table_6_lies_within_bounds_and_random_subjects(row):
     theta = RecruitmentParameters(*row)
     assert TABLE_5.bounds.hold(theta)
     assert 0.45 <= theta.u_thr <= 0.70
@@ -113,7 +111,7 @@ def test_table_6_lies_within_bounds_and_random_subjects(row: tuple[float, float,
     assert 3.5 <= theta.alpha_sat <= 17.0
 
 
-def test_one_row_of_table_6_dips_below_zero() -> None:
+def test_one_row_of_table_6_dips_below_zero():
     intensity = np.linspace(0.0, 1.0, 1001)
     depths = []
     for row in TABLE_6:

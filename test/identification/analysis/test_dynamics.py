@@ -27,9 +27,7 @@ RATE = 50.0
 LATE = 0.7e-3
 
 
-def trains(
-    count: int, seed: int, noise: float = 1e-4, first: float = 1.0
-) -> tuple[PulseTrain, ForceTrace]:
+def trains(count, seed, noise=1e-4, first=1.0) -> tuple[PulseTrain, ForceTrace]:
     """Trains of eight pulses, three seconds apart, at 2 kHz; the first is so much stronger."""
     random = np.random.default_rng(seed)
     onset = np.concatenate([1.0 + 3.0 * k + np.arange(8) / RATE for k in range(count)])
@@ -47,14 +45,14 @@ def trains(
     return pulses, ForceTrace(np.rint(1e9 * stamp).astype(np.int64), force)
 
 
-def found_in(pulses: PulseTrain, forces: ForceTrace) -> TrainDynamics:
+def found_in(pulses, forces) -> TrainDynamics:
     found = train_dynamics(analyze(pulses, forces))
     assert found is not None
     return found
 
 
 @pytest.mark.parametrize('count', [1, 3])
-def test_equal_pulses_are_found_at_their_own_rate(count: int) -> None:
+def test_equal_pulses_are_found_at_their_own_rate(count):
     found = found_in(*trains(count, seed=1))
     assert (found.trains, found.pulses, found.model) == (count, 8 * count, 'equal pulses')
     assert found.rate_hz == pytest.approx(RATE, rel=1e-6)
@@ -67,7 +65,7 @@ def test_equal_pulses_are_found_at_their_own_rate(count: int) -> None:
 
 
 @pytest.mark.long
-def test_the_intervals_hold_the_truth() -> None:
+def test_the_intervals_hold_the_truth():
     inside = {'twitch_time_constant_s': 0, 'latency_s': 0}
     for seed in range(20):
         found = found_in(*trains(1, seed, noise=0.02))
@@ -80,7 +78,7 @@ def test_the_intervals_hold_the_truth() -> None:
     assert min(inside.values()) >= 16, inside
 
 
-def test_the_intervals_hold_the_truth_if_pulses_are_not_quite_equal() -> None:
+def test_the_intervals_hold_the_truth_if_pulses_are_not_quite_equal():
     # as after a pause, at 20 Hz for instance; the model of equal pulses is the better of the two
     found = found_in(*trains(6, seed=3, noise=0.02, first=1.04))
     assert found.model == 'equal pulses'
@@ -90,17 +88,17 @@ def test_the_intervals_hold_the_truth_if_pulses_are_not_quite_equal() -> None:
         assert stated.upper - stated.lower < 0.1 * true
 
 
-def test_recordings_without_a_train_have_none() -> None:
+def test_recordings_without_a_train_have_none():
     pulses, forces = trains(1, seed=1)
     assert train_dynamics(analyze(pulses[:1], forces)) is None
 
 
-def response(force: np.ndarray, lag: np.ndarray) -> Response:
+def response(force, lag) -> Response:
     usable = np.ones(len(lag), dtype=np.bool_)
     return Response(np.zeros(1), lag, force, usable, 1.0, np.nan)
 
 
-def test_the_onset_is_that_of_the_force_and_no_single_outlier() -> None:
+def test_the_onset_is_that_of_the_force_and_no_single_outlier():
     lag = np.arange(-100, 400) / 2000
     noise = 1e-3 * np.random.default_rng(2).standard_normal(len(lag))
     force = np.maximum(lag - 0.020, 0.0) + noise
@@ -113,7 +111,7 @@ def test_the_onset_is_that_of_the_force_and_no_single_outlier() -> None:
     assert 0.020 < upper < 0.020 + 6e-3
 
 
-def test_noise_hides_an_onset() -> None:
+def test_noise_hides_an_onset():
     lag = np.arange(-100, 400) / 2000
     noise = np.random.default_rng(2).standard_normal(len(lag))
     assert force_onset(response(noise, lag)) is None
@@ -124,7 +122,7 @@ def test_noise_hides_an_onset() -> None:
 
 @pytest.mark.skipif(not TRIALS, reason=f'no recordings in {FOLDER} (set RPMS_RECORDINGS)')
 @pytest.mark.parametrize('trial', TRIALS[::5], ids=lambda path: path.stem)
-def test_real_force_leaves_its_baseline_within_four_milliseconds(trial: Path) -> None:
+def test_real_force_leaves_its_baseline_within_four_milliseconds(trial):
     found = found_in(*read_csv(trial, *COLUMNS))
     assert found.model == 'history law'
     assert found.fit_percent > 94.0

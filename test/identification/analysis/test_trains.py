@@ -62,11 +62,7 @@ def test_no_gain_is_negative():
     assert (fit_gains(train, 3, fit_equal(train, 3)).gains >= 0).all()
 
 
-@given(
-    facilitation=st.floats(0.0, 2.0),
-    decay=st.floats(0.01, 1.0),
-    rate=st.floats(1.0, 100.0),
-)
+@given(facilitation=st.floats(0.0, 2.0), decay=st.floats(0.01, 1.0), rate=st.floats(1.0, 100.0))
 def test_facilitation_only_grows_in_a_regular_train_and_starts_at_one(facilitation, decay, rate):
     law = TrainLaw(facilitation=facilitation, facilitation_decay=decay)
     gains = law.gains(np.arange(10) / rate)

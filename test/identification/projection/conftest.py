@@ -9,7 +9,7 @@ import numpy.typing as npt
 import pytest
 
 from rpms_ros.identification.model.estimate import CURVE_INTENSITY
-from rpms_ros.muscle import Contraction, Subject, simulation_subject
+from rpms_ros.muscle import Contraction, simulation_subject
 from rpms_ros.pulses import PulseTrain
 
 
@@ -40,13 +40,7 @@ class Take:
 
 
 def record(
-    seconds: float,
-    intensity=None,
-    noise: float = 0.0,
-    seed: int = 0,
-    subject: Subject | None = None,
-    rate_hz: float = 20.0,
-    silence: float = 0.0,
+    seconds, intensity=None, noise=0.0, seed=0, subject=None, rate_hz=20.0, silence=0.0
 ) -> Take:
     """Return a recording at 1 kHz of random intensities; `silence` follows the last pulse."""
     generator = np.random.default_rng(seed)

@@ -1,13 +1,14 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The batch finds the latency and time constant of muscles that it does not know."""
+"""The batch finds latency and time constant of muscles; when bases are compared."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from rpms_ros.identification import Estimate, estimator_by_name
+from rpms_ros.identification import estimator_by_name
+from rpms_ros.identification.estimation.basis_choice import BasisSchedule, Search
 from rpms_ros.identification.estimation.batch import BatchEstimator
 from rpms_ros.identification.model.basis import LaguerreBasis
 from rpms_ros.muscle import simulation_subject
@@ -17,14 +18,14 @@ from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 MUSCLES = ((2, 8e-3, 5e-3), (4, 90e-3, 30e-3), (3, 70e-3, 9e-3), (3, 10e-3, 24e-3))
 
 
-def recording(living_sessions, order: int, time_constant: float, latency: float, excitation: str):
+def recording(living_sessions, order, time_constant, latency, excitation):
     muscle = replace(
         simulation_subject(), order=order, time_constant=time_constant, latency=latency
     )
     return living_sessions.session('steady', excitation, 2, 20.0, muscle)
 
 
-def fed(estimator: BatchEstimator, what, sizes: int = 20_000) -> BatchEstimator:
+def fed(estimator, what, sizes=20_000) -> BatchEstimator:
     """Hand a recording over in blocks of samples."""
     given = 0
     for first in range(0, len(what.stamp_ns), sizes):
@@ -37,13 +38,13 @@ def fed(estimator: BatchEstimator, what, sizes: int = 20_000) -> BatchEstimator:
     return estimator
 
 
-def batch(preset: str = 'people') -> BatchEstimator:
+def batch(preset='people') -> BatchEstimator:
     estimator = estimator_by_name('batch', preset)
     assert isinstance(estimator, BatchEstimator)
     return estimator
 
 
-def curve_error(found: Estimate, what) -> float:
+def curve_error(found, what) -> float:
     truth = what.curve[-1]
     return float(np.abs(found.curve_force - truth).max() / truth.max())
 
@@ -52,8 +53,8 @@ def curve_error(found: Estimate, what) -> float:
 @pytest.mark.parametrize('excitation', ['random', 'sinusoid'])
 @pytest.mark.parametrize(('order', 'time_constant', 'latency'), MUSCLES)
 def test_the_curve_is_right_whatever_the_dynamics(
-    living_sessions, order: int, time_constant: float, latency: float, excitation: str
-) -> None:
+    living_sessions, order, time_constant, latency, excitation
+):
     what = recording(living_sessions, order, time_constant, latency, excitation)
     found = fed(batch(), what).estimate(0, {})
     # the aim for people; 0.5 % noise over 20 s alone leaves about 0.05 %
@@ -68,8 +69,8 @@ def test_the_curve_is_right_whatever_the_dynamics(
 
 @pytest.mark.parametrize(('time_constant', 'latency'), [(15e-3, 5e-3), (60e-3, 20e-3)])
 def test_of_bases_that_only_noise_tells_apart_none_at_the_edge_is_taken(
-    living_sessions, time_constant: float, latency: float
-) -> None:
+    living_sessions, time_constant, latency
+):
     # a slow sinusoid tells little of the dynamics: the best basis was a third off, or the start
     muscle = replace(simulation_subject(), time_constant=time_constant, latency=latency)
     truth = np.array([time_constant, latency, 3.0])
@@ -86,7 +87,7 @@ def test_of_bases_that_only_noise_tells_apart_none_at_the_edge_is_taken(
 
 def test_a_recording_that_tells_nothing_of_the_dynamics_leaves_the_functions_of_the_start(
     living_sessions,
-) -> None:
+):
     what = living_sessions.session('steady', 'sinusoid', 1, 18.0)
     noise = np.random.default_rng(1).normal(scale=0.05, size=len(what.force))
     found = fed(batch(), what._replace(force=noise))
@@ -94,7 +95,7 @@ def test_a_recording_that_tells_nothing_of_the_dynamics_leaves_the_functions_of_
     assert found._basis == found.settings.basis
 
 
-def test_a_preset_of_the_paper_sets_the_basis(living_sessions) -> None:
+def test_a_preset_of_the_paper_sets_the_basis(living_sessions):
     what = recording(living_sessions, *MUSCLES[3], 'random')
     told = fed(batch('paper_table_4'), what)
     assert told.settings.basis == LaguerreBasis(7, 38e-3, 0.0)
@@ -102,14 +103,14 @@ def test_a_preset_of_the_paper_sets_the_basis(living_sessions) -> None:
     assert curve_error(told.estimate(0, {}), what) > 0.005
 
 
-def test_how_a_recording_is_cut_into_blocks_changes_no_bit(living_sessions) -> None:
+def test_how_a_recording_is_cut_into_blocks_changes_no_bit(living_sessions):
     what = recording(living_sessions, *MUSCLES[2], 'random')
     whole, cut = (fed(batch(), what, sizes).estimate(0, {}) for sizes in (20_000, 137))
     assert whole.curve_force.tobytes() == cut.curve_force.tobytes()
     assert whole.response_force.tobytes() == cut.response_force.tobytes()
 
 
-def test_a_jump_of_the_clock_loses_the_pulses_that_acted_and_nothing_else(living_sessions) -> None:
+def test_a_jump_of_the_clock_loses_the_pulses_that_acted_and_nothing_else(living_sessions):
     what = recording(living_sessions, *MUSCLES[3], 'random')
     estimator = fed(batch(), what)
     estimator.forget_pulses()
@@ -125,15 +126,55 @@ def test_a_jump_of_the_clock_loses_the_pulses_that_acted_and_nothing_else(living
     assert curve_error(found, what) < 0.005
 
 
-def replace_times(what, by_ns: int):
+def replace_times(what, by_ns):
     return what._replace(onset_ns=what.onset_ns + by_ns, stamp_ns=what.stamp_ns + by_ns)
 
 
 @pytest.mark.long
-def test_a_long_rest_at_the_end_does_not_choose_the_basis(living_sessions) -> None:
+def test_a_long_rest_at_the_end_does_not_choose_the_basis(living_sessions):
     what = recording(living_sessions, *MUSCLES[3], 'random')
     estimator = fed(batch(), what)
     rest_ns = what.stamp_ns[-1] + np.arange(1, 120_000, dtype=np.int64) * 1_000_000
     noise = np.random.default_rng(1).normal(scale=0.05, size=len(rest_ns))
     estimator.update(rest_ns, noise, np.ones(len(rest_ns), dtype=np.bool_))
     assert curve_error(estimator.estimate(0, {}), what) < 0.005
+
+
+SECOND = 1_000_000_000
+
+
+def comparisons(schedule, seconds, alike) -> dict[float, Search]:
+    """Return the times at which it is due [s], and with which bases."""
+    found = {one: schedule.due(round(one * SECOND), alike) for one in seconds.tolist()}
+    return {one: search for one, search in found.items() if search is not None}
+
+
+def test_a_basis_that_fits_is_compared_less_and_less_often():
+    schedule = BasisSchedule()
+    schedule.begin(0)
+    found = comparisons(schedule, np.arange(0.0, 130.0, 0.25), alike=False)
+    assert list(found) == [1.0, 3.0, 7.0, 16.0, 32.0, 64.0, 96.0, 128.0]
+    assert set(list(found.values())[:4]) == {Search.EVERYWHERE}
+    assert set(list(found.values())[4:]) == {Search.NEIGHBOURS}
+
+
+def test_where_residuals_are_alike_it_is_compared_with_all_every_three_seconds():
+    schedule = BasisSchedule()
+    schedule.begin(0)
+    found = comparisons(schedule, np.arange(40.0, 100.0, 0.25), alike=True)
+    # the missed ones of the beginning first
+    assert np.diff(list(found)).max() == 3.0
+    assert set(found.values()) == {Search.EVERYWHERE}
+
+
+def test_without_a_response_it_waits_for_stimulation():
+    schedule = BasisSchedule()
+    assert not comparisons(schedule, np.arange(0.0, 50.0), alike=True)
+    onset_ns = SECOND * np.arange(50, 54, dtype=np.int64)
+    schedule.add_pulses(onset_ns, np.array([0.0, 0.0, 0.4, 0.6]))
+    found = comparisons(schedule, np.arange(50.0, 60.0, 0.25), alike=False)
+    # two seconds after the first pulse that is not zero, and the first time then
+    assert next(iter(found)) == 55.0
+    assert not schedule.begun
+    schedule.forget()
+    assert not comparisons(schedule, np.arange(60.0, 100.0), alike=True)

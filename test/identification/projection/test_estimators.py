@@ -5,7 +5,6 @@
 import numpy as np
 import pytest
 
-from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.estimation.batch import BatchEstimator
 from rpms_ros.identification.estimation.settings import ProjectionSettings
 from rpms_ros.identification.estimation.tracking import TrackingEstimator, TrackingSettings
@@ -99,7 +98,7 @@ def test_changing_rate_is_one_model():
 
 
 @pytest.mark.parametrize('silence', [50.0, 70.0, 150.0])
-def test_a_rest_erases_nothing(record, silence: float):
+def test_a_rest_erases_nothing(record, silence):
     take = record(6.0, noise=0.005, silence=silence)
     estimator = TrackingEstimator(TRACKING)
     take.feed(estimator)
@@ -117,8 +116,3 @@ def test_follows_a_clock_that_jumps_back(record):
     again = record(4.0, noise=0.005, seed=8)
     again.feed(estimator)
     assert again.curve_error(estimator.estimate(0, {})) < 0.01
-
-
-def test_refuses_a_rate_of_nothing():
-    with pytest.raises(IdentificationError, match='expected a repetition rate above 0 Hz, got 0'):
-        BatchEstimator(rate_hz=0.0)

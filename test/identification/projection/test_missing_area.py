@@ -29,7 +29,7 @@ def sums_of(residuals, recruitment):
     return ResidualSums(spread, float(CELLS), total, 1e-3 * total, float(np.sum(recruitment**2)))
 
 
-def test_white_residuals_show_nothing_missing() -> None:
+def test_white_residuals_show_nothing_missing():
     generator = np.random.default_rng(1)
     white = NOISE * np.sqrt(SAMPLES) * generator.standard_normal(CELLS)
     sums = sums_of(white, generator.uniform(size=CELLS))
@@ -40,7 +40,7 @@ def test_white_residuals_show_nothing_missing() -> None:
     assert replace(sums, recruited=0.0).missing_area(NOISE**2) == 0.0
 
 
-def test_what_is_missing_is_found_in_newton_seconds() -> None:
+def test_what_is_missing_is_found_in_newton_seconds():
     generator = np.random.default_rng(2)
     recruitment = generator.choice((-1.0, 1.0), CELLS)
     areas = np.array([0.03, -0.02, 0.01])
@@ -57,7 +57,7 @@ def test_what_is_missing_is_found_in_newton_seconds() -> None:
 )
 def test_intervals_hold_the_curve_of_a_muscle_that_the_functions_do_not_fit(
     living_sessions, name, latency, time_constant
-) -> None:
+):
     muscle = replace(simulation_subject(), latency=latency, time_constant=time_constant)
     what = living_sessions.session('steady', 'random', 1, 24.0, muscle)
     estimator = fixed_basis(name)
@@ -75,7 +75,7 @@ def test_intervals_hold_the_curve_of_a_muscle_that_the_functions_do_not_fit(
 
 
 @pytest.mark.parametrize('name', NAMES)
-def test_intervals_of_a_muscle_that_fits_stay_narrow(living_sessions, name) -> None:
+def test_intervals_of_a_muscle_that_fits_stay_narrow(living_sessions, name):
     what = living_sessions.session('steady', 'random', 2, 24.0)
     estimator = fixed_basis(name)
     estimator.add_pulses(what.onset_ns, what.intensity)
@@ -87,7 +87,7 @@ def test_intervals_of_a_muscle_that_fits_stay_narrow(living_sessions, name) -> N
 
 
 @pytest.mark.parametrize('name', NAMES)
-def test_a_pause_without_samples_does_not_widen_the_intervals(name) -> None:
+def test_a_pause_without_samples_does_not_widen_the_intervals(name):
     """The sensor is off for most of a pause of the stimulation."""
     intensity = np.random.default_rng(1).uniform(size=200)
     onset_ns = 50_000_000 * np.arange(200) + np.where(np.arange(200) < 160, 0, 40_000_000_000)

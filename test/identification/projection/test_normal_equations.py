@@ -1,13 +1,24 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The sums of blocks give the same equations as a loop over samples, derivatives included."""
+"""Sums of blocks and equations of a changing muscle, against those of all samples."""
 
 import numpy as np
 import pytest
 
 from rpms_ros.identification.estimation.settings import ProjectionSettings
 from rpms_ros.identification.estimation.tracking import TrackingEstimator, TrackingSettings
-from rpms_ros.identification.estimation.window_equations import condensed, no_change
+from rpms_ros.identification.estimation.window_equations import (
+    SLOPES,
+    Point,
+    assembled,
+    condensed,
+    disturbance_at,
+    eliminated,
+    empty_intervals,
+    no_change,
+    time_scale_derivative,
+    time_scaled,
+)
 from rpms_ros.identification.model.basis import LaguerreBasis
 from rpms_ros.identification.model.recruitment import (
     DEVIATION,
@@ -95,3 +106,156 @@ def test_equal_those_of_a_loop_over_samples(prepared):
 def test_the_paper_s_form_has_no_deviation():
     starts = ProjectionSettings().starts()
     assert all((start[DEVIATION] == 0.0).all() for start in starts)
+
+
+FUNCTIONS, INTERVALS, SAMPLES, KNOTS = 6, 9, 60, 2
+LOCAL = NONLINEAR + FUNCTIONS
+SPACING, VARIANCE = 3.0, 0.04
+
+
+def past(knots, age):
+    """Return a line between 0 now and the knots; beyond the last one it goes on."""
+    values = np.concatenate(([0.0], knots))
+    first = min(int(age / SPACING), KNOTS - 1)
+    part = age / SPACING - first
+    return (1.0 - part) * values[first] + part * values[first + 1]
+
+
+class Written:
+    """A window with its samples: columns of every interval, force, point."""
+
+    def __init__(self, seed: int) -> None:
+        generator = np.random.default_rng(seed)
+        self.columns = generator.standard_normal((INTERVALS, SAMPLES, LOCAL + 2))
+        self.columns[4] = 0.0
+        share = np.linspace(0.0, 1.0, SAMPLES, endpoint=False)
+        self.columns[:, :, LOCAL], self.columns[:, :, LOCAL + 1] = 1.0 - share, share
+        self.columns[4] = 0.0
+        self.force = generator.standard_normal((INTERVALS, SAMPLES))
+        self.force[4] = 0.0
+        self.point = Point(
+            theta=np.concatenate(([0.5, 0.9, 5.0, 6.0], np.zeros(NONLINEAR - 4))),
+            linear=generator.standard_normal(FUNCTIONS),
+            gain=np.array([0.1, 0.25]),
+            slowing=np.array([-0.05, -0.08]),
+            slope=np.array([1e-3, -2e-3]),
+        )
+        self.now = float(INTERVALS)
+
+    def intervals(self):
+        """Return what the estimator keeps of it; the fifth interval holds no sample."""
+        found = empty_intervals(INTERVALS, FUNCTIONS, 100)
+        for index in range(INTERVALS):
+            columns, force = self.columns[index], self.force[index]
+            found.gram[index] = columns.T @ columns
+            found.right[index] = columns.T @ force
+            found.energy[index] = force @ force
+            found.samples[index] = 0 if index == 4 else SAMPLES
+        return found
+
+    def model(self, x):
+        """Return the force (intervals, samples) of the muscle at unknowns x, by the formula."""
+        theta, linear, gain, slowing, slope = np.split(
+            x, np.cumsum([NONLINEAR, FUNCTIONS, KNOTS, KNOTS])
+        )
+        force = np.zeros((INTERVALS, SAMPLES))
+        for index in range(INTERVALS):
+            age = self.now - (index + 0.5)
+            grown, delay = past(gain, age), past(slowing, age)
+            inner = self.columns[index, :, :LOCAL] @ np.concatenate(
+                (
+                    theta + np.concatenate((age * slope, np.zeros(NONLINEAR - 2))),
+                    time_scaled(linear, delay),
+                )
+            )
+            force[index] = (1.0 + grown) * inner
+        return force
+
+    def unknowns(self):
+        """Return x at the point; theta counts as a deviation."""
+        point = self.point
+        parts = (np.zeros(NONLINEAR), point.linear, point.gain, point.slowing, point.slope)
+        return np.concatenate(parts)
+
+    def disturbance(self):
+        """Return the matrix (samples, knots) of the disturbance."""
+        matrix = np.zeros((INTERVALS, SAMPLES, INTERVALS + 1))
+        for index in range(INTERVALS):
+            matrix[index, :, index] = self.columns[index, :, LOCAL]
+            matrix[index, :, index + 1] = self.columns[index, :, LOCAL + 1]
+        return matrix.reshape(-1, INTERVALS + 1)
+
+
+def dense(written, stiffness, level, about):
+    """Return information, right-hand side, cost and levels by linear algebra with all samples."""
+    x = written.unknowns()
+    steps = 1e-6 * np.eye(len(x))
+    jacobian = np.stack(
+        [(written.model(x + h) - written.model(x - h)).ravel() / 2e-6 for h in steps], axis=1
+    )
+    rest = (written.force - written.model(x)).ravel()
+    matrix = written.disturbance()
+    knots = INTERVALS + 1
+    second = np.diff(np.eye(knots), 2, axis=0)
+    penalty = second.T @ np.diag(stiffness[1:-1]) @ second + np.diag(level)
+    inner = matrix.T @ matrix / VARIANCE + penalty
+    across = matrix.T @ jacobian / VARIANCE
+    right = matrix.T @ rest / VARIANCE + level * about
+    information = jacobian.T @ jacobian / VARIANCE - across.T @ np.linalg.solve(inner, across)
+    gradient = jacobian.T @ rest / VARIANCE - across.T @ np.linalg.solve(inner, right)
+    cost = rest @ rest / VARIANCE + level @ about**2 - right @ np.linalg.solve(inner, right)
+    step = np.full(len(x), 0.01)
+    levels = np.linalg.solve(inner, right - across @ step)
+    return information, gradient, cost, levels, step
+
+
+@pytest.mark.parametrize('seed', [0, 1])
+def test_the_equations_are_those_of_all_samples(seed):
+    written = Written(seed)
+    generator = np.random.default_rng(seed)
+    stiffness = generator.uniform(1.0, 100.0, INTERVALS + 1)
+    level = np.full(INTERVALS + 1, 0.01)
+    about = generator.standard_normal(INTERVALS + 1)
+    equations = assembled(written.intervals(), written.point, written.now, SPACING)
+    reduced = eliminated(equations, VARIANCE, stiffness, level, about)
+    information, gradient, cost, levels, step = dense(written, stiffness, level, about)
+    # the dense Jacobian is by differences: about 1e-8 of its entries
+    np.testing.assert_allclose(reduced.matrix, information, rtol=1e-6, atol=1e-5)
+    np.testing.assert_allclose(reduced.right, gradient, rtol=1e-6, atol=1e-5)
+    assert reduced.cost[0] == pytest.approx(cost, rel=1e-9)
+    np.testing.assert_allclose(disturbance_at(reduced, step), levels, rtol=1e-5, atol=1e-7)
+
+
+def test_the_last_unknowns_are_the_slopes():
+    equations = assembled(Written(0).intervals(), Written(0).point, float(INTERVALS), SPACING)
+    assert len(equations.right) == LOCAL + 2 * KNOTS + SLOPES
+
+
+def test_slowing_is_the_derivative_by_the_time_constant():
+    """Of the functions that are held; the one behind the last is cut off."""
+    step, functions = 1e-6, 5
+    weights = np.array([1.0, -0.5, 0.3, 0.2, 0.0])
+    lag = np.linspace(0.0, 0.4, 50)
+    slower, faster = (
+        LaguerreBasis(functions, 38e-3 * np.exp(sign * step)).evaluate(lag) @ weights
+        for sign in (1, -1)
+    )
+    derivative = LaguerreBasis(functions, 38e-3).evaluate(lag) @ time_scale_derivative(weights)
+    # differences of values of about 10 over a step of 1e-6: nine digits are left
+    np.testing.assert_allclose(derivative, (slower - faster) / (2 * step), atol=1e-7)
+
+
+def test_a_response_is_stretched_in_time():
+    """A twitch of third order, 25 % slower: what it keeps is its area but for the factor."""
+    basis, stretch = LaguerreBasis(9, 38e-3), 1.25
+    lag = np.arange(0.0005, 2.0, 1e-3)
+
+    def twitch(constant):
+        return (lag / constant) ** 2 * np.exp(-lag / constant)
+
+    functions = basis.evaluate(lag)
+    weights = 1e-3 * functions.T @ twitch(32e-3)
+    slower = functions @ time_scaled(weights, np.log(stretch))
+    expected = twitch(32e-3 * stretch) / np.sqrt(stretch)
+    # nine functions hold the slower twitch to 0.1 % of its peak
+    np.testing.assert_allclose(slower, expected, atol=2e-3 * expected.max())

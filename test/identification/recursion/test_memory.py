@@ -1,8 +1,9 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The sums of the memory, against sums over all samples at once."""
+"""The sums of the memory, against those of all samples; the recruitment between knots."""
 
 import numpy as np
+import pytest
 
 from rpms_ros.identification import LaguerreBasis
 from rpms_ros.identification.estimation.blocks import newest
@@ -19,16 +20,22 @@ from rpms_ros.identification.recursion.people_kernel import (
     fresh_prediction_state,
     interpolate,
     let_baseline_drift,
+    recruitment_at_knots,
     take,
 )
-from rpms_ros.muscle.recruitment import RecruitmentParameters, identified_recruitment
+from rpms_ros.muscle import random_subject
+from rpms_ros.muscle.recruitment import (
+    RecruitmentParameters,
+    identified_recruitment,
+    identified_recruitment_with_gradient,
+)
 
 BASIS = LaguerreBasis(3, 38e-3, 0.0)
 RATE = 2.0 / BASIS.time_constant
 BLOCK = 20
 
 
-def filled(generator: np.random.Generator, blocks: int = 60) -> tuple[Memory, np.ndarray]:
+def filled(generator, blocks=60) -> tuple[Memory, np.ndarray]:
     """Return a memory of blocks of 20 samples, and all regressors and forces (samples, n)."""
     memory = empty_memory(KNOTS, BASIS.functions)
     carried = fresh_prediction_state(BASIS.functions)
@@ -59,7 +66,7 @@ def filled(generator: np.random.Generator, blocks: int = 60) -> tuple[Memory, np
     return memory, np.column_stack((regressors, np.ones(len(stamps)), force))
 
 
-def test_sums_are_those_of_all_samples_at_once() -> None:
+def test_sums_are_those_of_all_samples_at_once():
     memory, columns = filled(np.random.default_rng(1))
     regressors, force = columns[:, :-1], columns[:, -1]
     # Sums in another order.
@@ -70,7 +77,7 @@ def test_sums_are_those_of_all_samples_at_once() -> None:
     assert memory.samples[0] == len(force)
 
 
-def test_equations_are_those_of_any_parameters() -> None:
+def test_equations_are_those_of_any_parameters():
     memory, columns = filled(np.random.default_rng(2))
     regressors, force = columns[:, :-2], columns[:, -1]
     theta = np.array([0.5, 0.9, 5.0, 6.0])
@@ -98,7 +105,7 @@ def test_equations_are_those_of_any_parameters() -> None:
     np.testing.assert_allclose(fit.right, jacobian.T @ force, rtol=1e-6, atol=1e-5)
 
 
-def test_the_cost_is_that_of_the_samples() -> None:
+def test_the_cost_is_that_of_the_samples():
     memory, columns = filled(np.random.default_rng(3))
     regressors, force = columns[:, :-2], columns[:, -1]
     prior = ProjectionSettings(basis=BASIS).as_prior()
@@ -113,7 +120,7 @@ def test_the_cost_is_that_of_the_samples() -> None:
     np.testing.assert_allclose(fit.squares[0], residual @ residual, rtol=1e-6)
 
 
-def test_a_baseline_that_drifts_far_is_forgotten() -> None:
+def test_a_baseline_that_drifts_far_is_forgotten():
     memory, _ = filled(np.random.default_rng(4))
     before = memory.energy[0] - memory.cross[-1] ** 2 / memory.gram[-1, -1]
     let_baseline_drift(memory, 1e12)
@@ -121,3 +128,59 @@ def test_a_baseline_that_drifts_far_is_forgotten() -> None:
     assert memory.gram[-1, -1] < 1e-6
     assert abs(memory.cross[-1]) < 1e-6
     np.testing.assert_allclose(memory.energy[0], before, rtol=1e-6)
+
+
+INTENSITY = np.linspace(0.0, 1.0, 301)
+
+
+def weights() -> np.ndarray:
+    rows = np.empty((len(INTENSITY), KNOTS))
+    for row, intensity in zip(rows, INTENSITY, strict=True):
+        interpolate(intensity, row)
+    return rows
+
+
+def test_cubics_through_zero_are_met_exactly():
+    knots = np.arange(1, KNOTS + 1) / KNOTS
+    cubic = knots - 3.0 * knots**2 + 1.7 * knots**3
+    expected = INTENSITY - 3.0 * INTENSITY**2 + 1.7 * INTENSITY**3
+    # Rounding.
+    np.testing.assert_allclose(weights() @ cubic, expected, atol=1e-13)
+
+
+def test_intensities_beyond_the_range_count_as_its_ends():
+    beyond, end = np.empty(KNOTS), np.empty(KNOTS)
+    interpolate(1.3, beyond)
+    interpolate(1.0, end)
+    np.testing.assert_array_equal(beyond, end)
+    interpolate(-0.2, beyond)
+    np.testing.assert_array_equal(beyond, 0.0)
+
+
+def test_curves_of_people_are_met():
+    rows = weights()
+    errors = []
+    for seed in range(200):
+        shape = random_subject(np.random.default_rng(seed)).recruitment
+        theta = np.array(
+            [shape.threshold, shape.saturation, shape.saturation_slope, shape.threshold_slope]
+        )
+        values = np.empty((5, KNOTS))
+        recruitment_at_knots(theta, values)
+        curve = identified_recruitment(RecruitmentParameters(*theta), INTENSITY)
+        errors.append(np.abs(rows @ values[0] - curve).max() / curve.max())
+    # As the module says.
+    assert max(errors) < 2.5e-3
+    assert np.median(errors) < 4e-4
+
+
+@pytest.mark.parametrize('theta', [(0.48, 0.98, 4.0, 6.0), (0.6, 0.8, 15.0, 4.0)])
+def test_values_at_knots_are_those_of_the_curve(theta):
+    values = np.empty((5, KNOTS))
+    recruitment_at_knots(np.array(theta), values)
+    knots = np.arange(1, KNOTS + 1) / KNOTS
+    rho, slopes = identified_recruitment_with_gradient(RecruitmentParameters(*theta), knots)
+    # Rounding.
+    np.testing.assert_allclose(values[0], rho, atol=1e-14)
+    by_logarithm = slopes * np.array([1.0, 1.0, theta[2], theta[3]])
+    np.testing.assert_allclose(values[1:].T, by_logarithm, atol=1e-13)

@@ -1,11 +1,15 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A tremor is found, followed and subtracted."""
+"""A tremor is found, followed and subtracted; noise that a sensor filters is said."""
 
 import numpy as np
 import pytest
+from scipy.signal import butter, lfilter
 
+from rpms_ros.identification import StreamSettings, estimator_by_name, identify
 from rpms_ros.identification.estimation.tremor import Tremor, line_in
+from rpms_ros.identification.quality.doubts import REASON, RESIDUALS_ALIKE
+from rpms_ros.pulses import ForceTrace, PulseTrain
 
 pytestmark = pytest.mark.long
 
@@ -153,3 +157,27 @@ def test_a_line_found_elsewhere_is_followed_at_once():
     assert line_in(stamp_ns, noise(len(stamp_ns)), RATES) == 0.0
     assert line_in(stamp_ns[:1000], rest[:1000], RATES) == 0.0
     assert line_in(stamp_ns[:0], rest[:0], RATES) == 0.0
+
+
+def last(what, force):
+    """Return the last estimate of `tracking`."""
+    pulses = PulseTrain.regular(what.intensity, 20.0, 1_000)
+    forces = ForceTrace(what.stamp_ns, force)
+    return identify(
+        estimator_by_name('tracking'), pulses, forces, StreamSettings(estimate_period=5.0)
+    ).last
+
+
+def test_noise_that_the_sensor_filters_is_said(living_sessions):
+    what = living_sessions.session('steady', 'random', 1, 18.0)
+    estimate = last(what, lfilter(*butter(2, 20.0, fs=1000.0), what.force))
+    assert RESIDUALS_ALIKE in estimate.doubts
+    assert REASON[RESIDUALS_ALIKE] in estimate.reasons
+    # why: the band does not hold the curve
+    away = abs(estimate.curve_force - what.curve[-1])
+    assert (away > estimate.curve_upper - estimate.curve_force).mean() > 0.2
+
+
+def test_noise_of_an_ordinary_sensor_is_not_doubted(living_sessions):
+    what = living_sessions.session('bursts', 'random', 1, 18.0)
+    assert RESIDUALS_ALIKE not in last(what, what.force).doubts

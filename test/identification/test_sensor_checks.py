@@ -1,12 +1,13 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Samples compared with the prediction: a few that jump are outliers, a lasting change is not."""
+"""Outliers and ends of the range are told from changes and from the maxima of a muscle."""
 
 import numpy as np
 import pytest
 
 from rpms_ros.identification import IdentifiedSession, estimator_by_name, identify
-from rpms_ros.pulses import ForceTrace
+from rpms_ros.muscle import Contraction, simulation_subject
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, ForceTrace, PulseTrain
 
 NAMES = ('tracking', 'recursive')
 # Each algorithm with its settings for people.
@@ -30,7 +31,7 @@ def bump(force) -> None:
 
 
 @pytest.mark.parametrize('name', NAMES)
-def test_one_sample_of_a_slow_sensor_is_set_aside(record, name) -> None:
+def test_one_sample_of_a_slow_sensor_is_set_aside(record, name):
     def one(force) -> None:
         force[6000] += 4.0
 
@@ -42,14 +43,14 @@ def test_one_sample_of_a_slow_sensor_is_set_aside(record, name) -> None:
 
 
 @pytest.mark.parametrize('name', NAMES)
-def test_nothing_is_set_aside_where_nothing_is_wrong(record, name) -> None:
+def test_nothing_is_set_aside_where_nothing_is_wrong(record, name):
     for step in (1, 10):
         found = session(record, name, step=step)
         assert found.usable.all()
 
 
 @pytest.mark.parametrize('name', NAMES)
-def test_a_muscle_that_is_just_beginning_to_be_known_is_learnt_from(record, name) -> None:
+def test_a_muscle_that_is_just_beginning_to_be_known_is_learnt_from(record, name):
     def first(force) -> None:
         force[800:812] += 4.0
 
@@ -60,7 +61,7 @@ def test_a_muscle_that_is_just_beginning_to_be_known_is_learnt_from(record, name
 @pytest.mark.parametrize('name', NAMES)
 @pytest.mark.parametrize('share', [0.5, 1.6])
 @pytest.mark.parametrize('step', [1, 10])
-def test_a_sudden_change_of_the_muscle_is_learnt_from(record, name, share, step) -> None:
+def test_a_sudden_change_of_the_muscle_is_learnt_from(record, name, share, step):
     def change(force) -> None:
         force[5000:] *= share
 
@@ -70,7 +71,7 @@ def test_a_sudden_change_of_the_muscle_is_learnt_from(record, name, share, step)
 
 
 @pytest.mark.parametrize('name', NAMES)
-def test_voluntary_effort_is_no_outlier(record, name) -> None:
+def test_voluntary_effort_is_no_outlier(record, name):
     def effort(force) -> None:
         rise = 0.5 * (1.0 - np.cos(np.linspace(0.0, 2.0 * np.pi, 300)))
         force[6000:6300] += 5.0 * rise
@@ -80,7 +81,7 @@ def test_voluntary_effort_is_no_outlier(record, name) -> None:
 
 
 @pytest.mark.parametrize('name', NAMES)
-def test_a_burst_of_jumps_is_no_outlier(record, name) -> None:
+def test_a_burst_of_jumps_is_no_outlier(record, name):
     def burst(force) -> None:
         for first in range(6000, 7000, 60):
             force[first : first + 15] += 4.0
@@ -90,7 +91,7 @@ def test_a_burst_of_jumps_is_no_outlier(record, name) -> None:
     assert np.count_nonzero(~found.usable[6000:7000]) <= 45
 
 
-def test_an_outlier_leaves_the_curve_alone(record) -> None:
+def test_an_outlier_leaves_the_curve_alone(record):
     clean = session(record, 'tracking')
     found = session(record, 'tracking', bump)
     moved = np.abs(found.last.curve_force - clean.last.curve_force).max()
@@ -99,7 +100,7 @@ def test_an_outlier_leaves_the_curve_alone(record) -> None:
 
 
 @pytest.mark.parametrize('name', FOR_PEOPLE)
-def test_bumps_are_set_aside_for_people_too(record, name) -> None:
+def test_bumps_are_set_aside_for_people_too(record, name):
     pulses, forces = record(np.random.default_rng(11).uniform(size=400))
     force = forces.force + 0.02 * np.random.default_rng(12).standard_normal(len(forces))
     for first in range(10_000, 19_500, 700):
@@ -107,3 +108,54 @@ def test_bumps_are_set_aside_for_people_too(record, name) -> None:
     estimator = estimator_by_name(name)
     found = identify(estimator, pulses, ForceTrace(forces.stamp_ns, force)).last
     assert found.faults == {'force_outlier': 14 * 15, 'samples_excluded': 14 * 15}
+
+
+SECONDS = 10
+REST_NS = NANOSECONDS_PER_SECOND
+# Pulses and samples a second: the ripple of a train, and a sample a pulse, which shows none.
+RATES = [(20, 1000), (50, 1000), (100, 100)]
+
+
+def constant_train(pulses_hz, samples_hz) -> tuple[PulseTrain, ForceTrace]:
+    """A second of rest and a train of one intensity, without noise."""
+    intensity = np.full(pulses_hz * SECONDS, 0.7)
+    pulses = PulseTrain.regular(intensity, float(pulses_hz), REST_NS)
+    muscle = Contraction(simulation_subject())
+    muscle.add_pulses(pulses.onset_ns, pulses.intensity)
+    step_ns = NANOSECONDS_PER_SECOND // samples_hz
+    stamps = np.arange(REST_NS // step_ns + samples_hz * SECONDS, dtype=np.int64) * step_ns
+    return pulses, ForceTrace(stamps, muscle.force(stamps))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(('pulses_hz', 'samples_hz'), RATES)
+def test_the_maximum_of_a_train_is_no_end_of_a_range(pulses_hz, samples_hz):
+    pulses, forces = constant_train(pulses_hz, samples_hz)
+    # what makes the train look clipped: its maximum comes often, to the last digit
+    assert np.count_nonzero(forces.force == forces.force.max()) > SECONDS * pulses_hz / 2
+    last = identify(estimator_by_name('recursive'), pulses, forces).last
+    assert 'force_clipped' not in last.faults
+    assert 'force_clipped' not in last.doubts
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('digits', [4, 6])
+def test_nor_is_that_of_a_rounded_train(digits):
+    pulses, forces = constant_train(50, 1000)
+    rounded = ForceTrace(forces.stamp_ns, np.round(forces.force, digits))
+    last = identify(estimator_by_name('recursive'), pulses, rounded).last
+    assert 'force_clipped' not in last.faults
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(('pulses_hz', 'samples_hz'), RATES)
+@pytest.mark.parametrize('share', [0.6, 0.99])
+def test_the_same_train_is_clipped_below_its_maximum(pulses_hz, samples_hz, share):
+    pulses, forces = constant_train(pulses_hz, samples_hz)
+    most = share * forces.force.max()
+    cut = ForceTrace(forces.stamp_ns, np.minimum(forces.force, most))
+    last = identify(estimator_by_name('recursive'), pulses, cut).last
+    # the monitor waits for ten samples at the end of the range, and looks at a tenth of a second
+    late = np.count_nonzero(cut.force == most) - last.faults.get('force_clipped', 0)
+    assert late <= samples_hz / 5
+    assert 'force_clipped' in last.doubts

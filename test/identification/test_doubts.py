@@ -1,0 +1,188 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Doubts of an estimate, and which of its numbers come from the data."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from rpms_ros.errors import IdentificationError
+from rpms_ros.identification import FixedSizeRecursion, StreamSettings, estimator_by_name, identify
+from rpms_ros.identification.model.basis import LaguerreBasis
+from rpms_ros.identification.model.physiology import PHYSIOLOGY_NAMES, PRIOR, TwitchReader
+from rpms_ros.identification.quality.doubts import REASON, RESPONSE_MISFIT, ResponseMisfit
+from rpms_ros.identification.quality.explained_force import (
+    informed_parameters,
+    informed_physiology,
+)
+from rpms_ros.muscle import Contraction, simulation_subject, twitch
+from rpms_ros.pulses import ForceTrace, PulseTrain
+
+
+def doubts(name, what) -> tuple[str, ...]:
+    """Return the doubts of the last estimate of a session."""
+    pulses = PulseTrain.regular(what.intensity, 20.0, 1_000)
+    settings = StreamSettings(estimate_period=5.0)
+    found = identify(
+        estimator_by_name(name), pulses, ForceTrace(what.stamp_ns, what.force), settings
+    )
+    return found.last.doubts
+
+
+@pytest.mark.parametrize('name', ['recursive', 'tracking'])
+def test_a_response_of_the_model_is_not_doubted(living_sessions, name):
+    assert doubts(name, living_sessions.session('steady', 'random', 3, 25.0)) == ()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('excitation', ['random', 'sinusoid'])
+def test_a_twitch_too_fast_for_the_functions_is_said(living_sessions, excitation):
+    fast = replace(living_sessions.SUBJECT, time_constant=8e-3)
+    what = living_sessions.session('steady', excitation, 3, 25.0, fast)
+    assert RESPONSE_MISFIT in doubts('recursive', what)
+    # tracking finds functions for it
+    assert RESPONSE_MISFIT not in doubts('tracking', what)
+
+
+@pytest.mark.parametrize('name', ['tracking', 'recursive'])
+def test_functions_that_begin_a_little_late_are_not_doubted(living_sessions, name):
+    soon = replace(living_sessions.SUBJECT, latency=0.0)
+    assert doubts(name, living_sessions.session('steady', 'random', 3, 25.0, soon)) == ()
+
+
+def test_a_sudden_change_that_was_found_is_no_misfit(living_sessions):
+    what = living_sessions.session('gain step', 'random', 0, 50.0)
+    assert RESPONSE_MISFIT not in doubts('recursive', what)
+
+
+def filled(cuts) -> ResponseMisfit:
+    """Return the sums over made-up samples cut into blocks."""
+    generator = np.random.default_rng(1)
+    stamp = np.arange(25_000, dtype=np.int64) * 1_000_000
+    onset = np.arange(500, dtype=np.int64) * 50_000_000
+    force, prediction = generator.standard_normal((2, len(stamp)))
+    intensity = generator.uniform(size=len(onset))
+    misfit = ResponseMisfit()
+    for first, last in pairwise([0, *cuts, len(stamp)]):
+        known = (onset >= first * 1_000_000) & (onset < last * 1_000_000)
+        misfit.add_pulses(onset[known], intensity[known])
+        part = slice(first, last)
+        usable = np.ones(last - first, dtype=np.bool_)
+        misfit.add(stamp[part], force[part], prediction[part], usable)
+    return misfit
+
+
+def test_blocks_change_no_bit_and_a_state_is_restored():
+    whole = filled(())
+    # Errors as large as the force itself, but none that follow the pulses' intensities.
+    assert whole.sizes[0] < 0.1
+    assert repr(filled((3, 9_000, 9_025, 17_333)).state()) == repr(whole.state())
+    again = ResponseMisfit()
+    again.restore(whole.state())
+    assert again.sizes == whole.sizes
+    broken = {**whole.state(), '_by_lag': np.zeros((2, 2))}
+    with pytest.raises(IdentificationError, match='expected arrays of one size'):
+        again.restore(broken)
+
+
+def slow_sinusoid(noise, seed, latency=0.0) -> tuple[PulseTrain, ForceTrace]:
+    """A minute of the paper's sinusoid of 18 s."""
+    intensity = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(1200) / 20.0 / 18.0)
+    pulses = PulseTrain.regular(intensity, 20.0)
+    muscle = Contraction(replace(simulation_subject(), latency=latency))
+    muscle.add_pulses(pulses.onset_ns, pulses.intensity)
+    stamps = 1_000_000 * np.arange(60_000, dtype=np.int64)
+    noises = noise * np.random.default_rng(seed).standard_normal(len(stamps))
+    return pulses, ForceTrace(stamps, muscle.force(stamps) + noises)
+
+
+def test_a_muscle_that_answers_before_the_functions_begin_is_doubtful():
+    # Under a slow sinusoid at one rate the response is hardly seen: what the functions miss of
+    # it turns it upside down, while the curve stays right.
+    last = identify(FixedSizeRecursion(), *slow_sinusoid(0.02, 1)).last
+    assert last.doubts == ('response_negative',)
+    assert last.reasons == (REASON['response_negative'],)
+
+
+def test_a_curve_that_is_hardly_known_says_so():
+    pulses, forces = slow_sinusoid(0.02, 2)
+    early = forces.stamp_ns < 3_000_000_000
+    first = ForceTrace(forces.stamp_ns[early], forces.force[early])
+    last = identify(FixedSizeRecursion(), pulses[pulses.onset_ns < 3_000_000_000], first).last
+    assert 'band_wider_than_curve' in last.doubts
+
+
+QUANTILE = 1.959964
+
+
+@pytest.fixture(name='estimate', scope='module')
+def estimate_fixture(beside):
+    """Make an estimate with this physiology, and a response of this peak."""
+
+    def make(values, deviations, peak, **fields):
+        centre, half = np.array(values), QUANTILE * np.array(deviations)
+        return beside('made_up_estimates').estimate(
+            1,
+            response_time=np.linspace(0.0, 0.3, 4),
+            response_force=peak * np.array([0.0, 1.0, 0.5, 0.0]),
+            physiology_names=PHYSIOLOGY_NAMES,
+            physiology=centre,
+            physiology_lower=centre - half,
+            physiology_upper=centre + half,
+            **fields,
+        )
+
+    return make
+
+
+CENTRES = [PRIOR[name][0] for name in PHYSIOLOGY_NAMES[:3]]
+SPREADS = [PRIOR[name][1] for name in PHYSIOLOGY_NAMES[:3]]
+
+
+def narrowed(one) -> list[str]:
+    return [PHYSIOLOGY_NAMES[index] for index in informed_physiology(one)]
+
+
+def test_what_the_data_determine_is_a_measurement_and_a_prior_is_none(estimate):
+    assert narrowed(estimate([*CENTRES, 3.0], [*SPREADS, 0.1], 3.0)) == ['twitch_peak_n']
+    half = [0.5 * spread for spread in SPREADS]
+    assert narrowed(estimate([*CENTRES, 3.0], [*half, 0.1], 3.0)) == list(PHYSIOLOGY_NAMES)
+    one = estimate([*CENTRES, 3.0], [half[0], SPREADS[1], half[2], 3.0], 3.0)
+    assert narrowed(one) == ['twitch_time_constant_s', 'order']
+    # a twitch of another height than the response, and no intervals
+    assert narrowed(estimate([*CENTRES, 2e-4], [*half, 1e-5], 3.3)) == []
+    assert narrowed(estimate([*CENTRES, 3.0], [*half, 0.1], 3.0, confidence=0.0)) == []
+
+
+@pytest.mark.parametrize(
+    ('flags', 'informed'),
+    [([], [True] * 4), ([2, 0, 1, 0], [True, False, True, False]), ([1] * 4, [True] * 4)],
+)
+def test_flags_decide_over_parameters(estimate, flags, informed):
+    flagged = np.array(flags, dtype=np.int64)
+    one = estimate([*CENTRES, 3.0], [*SPREADS, 0.1], 3.0, nonlinear_identifiability=flagged)
+    assert informed_parameters(one).tolist() == informed
+
+
+BASIS = LaguerreBasis(7, 38e-3, 8e-3)
+READER = TwitchReader(BASIS)
+
+
+def coefficients(constant, latency, order, peak):
+    time = np.arange(2e-3, BASIS.duration, 4e-3)
+    return np.linalg.pinv(BASIS.evaluate(time)) @ (peak * twitch(time - latency, constant, order))
+
+
+@pytest.mark.parametrize('order', [2, 3, 4])
+@pytest.mark.parametrize('constant', [0.022, 0.038, 0.058])
+@pytest.mark.parametrize('latency', [6e-3, 0.015])
+def test_a_response_that_is_known_well_is_read_exactly(constant, latency, order):
+    truth = np.array([constant, latency, order, 5.0])
+    response = coefficients(*truth)
+    found = READER.read(response, 1e-10 * np.eye(len(response)))
+    assert len(found.values) == len(PHYSIOLOGY_NAMES)
+    # the reader takes the basis to miss 0.1 % of the response: its deviations say what that means
+    assert (np.abs(found.values - truth) < found.deviations).all()
+    np.testing.assert_allclose(found.values[0], constant, rtol=0.02)
