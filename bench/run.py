@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Run the benchmarks of this folder, all or those named, and print their figures.
 
-`make bench` runs all of them; `make bench ARGS=recursion` one.
+`make bench` runs all of them, `make bench ARGS=recursion` one; `ARGS=--list` says what each measures.
 """
 
 import subprocess
@@ -19,6 +19,10 @@ def is_benchmark(path: Path) -> bool:
 
 def main(names: list[str]) -> int:
     known = {path.stem: path for path in sorted(HERE.glob('*.py')) if is_benchmark(path)}
+    if names == ['--list']:
+        for name, path in known.items():
+            print(f'{name}: {path.read_text("utf-8").splitlines()[2].strip(chr(34))}')
+        return 0
     unknown = [name for name in names if name not in known]
     if unknown:
         print(f'expected benchmarks of {", ".join(known)}, got {", ".join(unknown)}')
