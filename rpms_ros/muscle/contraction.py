@@ -22,7 +22,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from rpms_ros.errors import MuscleError
+from rpms_ros.errors import MuscleError, check_number
 from rpms_ros.muscle.subject import Subject
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray, nanoseconds
 
@@ -152,8 +152,8 @@ def twitch_peak_factor(order: int) -> float:
 
 def check_rate(rate_hz: float | None) -> None:
     """Raise `MuscleError` if a fixed repetition rate is not above 0 Hz."""
-    if rate_hz is not None and not 0.0 < rate_hz < math.inf:
-        raise MuscleError(f'expected a repetition rate above 0 Hz, got {rate_hz}')
+    if rate_hz is not None:
+        check_number(MuscleError, 'repetition rate', rate_hz, 0, above=True, unit='Hz')
 
 
 def repetition_rates(onset_ns: IntArray) -> FloatArray:
@@ -211,14 +211,10 @@ class Contraction:
     """
 
     def __init__(
-        self,
-        subject: Subject,
-        fixed_rate_hz: float | None = None,
-        window: float = 2.0,
+        self, subject: Subject, fixed_rate_hz: float | None = None, window: float = 2.0
     ) -> None:
         check_rate(fixed_rate_hz)
-        if not 0.0 < window < math.inf:
-            raise MuscleError(f'expected a window above 0 s, got {window}')
+        check_number(MuscleError, 'window', window, 0, above=True, unit='s')
         self.subject = subject
         self._fixed_rate = fixed_rate_hz
         self._window_ns = nanoseconds(window)

@@ -16,14 +16,14 @@ With ``B(x, a) = dT/dx = atan(a x) + a x / (1 + (a x)^2)`` and
 """
 
 import math
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numba
 import numpy as np
 import numpy.typing as npt
 
-from rpms_ros.errors import MuscleError
+from rpms_ros.errors import MuscleError, check_number
 from rpms_ros.pulses import FloatArray
 
 SMALLEST_SEPARATION = 0.05
@@ -52,16 +52,11 @@ class IntensityRecruitment:
     offset: float = 0.539
 
     def __post_init__(self) -> None:
-        if not all(math.isfinite(value) for value in astuple(self)):
-            raise MuscleError(f'expected finite parameters of rho_u, got {astuple(self)}')
-        if not self.threshold < self.saturation:
-            raise MuscleError(
-                f'expected threshold < saturation, got {self.threshold} and {self.saturation}'
-            )
-        if not (self.threshold_slope > 0 and self.saturation_slope > 0):
-            raise MuscleError(
-                f'expected slopes above 0, got {self.threshold_slope} and {self.saturation_slope}'
-            )
+        for name in ('threshold', 'gain', 'offset'):
+            check_number(MuscleError, name, getattr(self, name))
+        check_number(MuscleError, 'saturation', self.saturation, self.threshold, above=True)
+        for name in ('threshold_slope', 'saturation_slope'):
+            check_number(MuscleError, name, getattr(self, name), 0, above=True)
 
     def __call__(self, intensity: npt.ArrayLike) -> FloatArray:
         """Return rho_u at ``intensity`` (shape (...), share 0..1), same shape."""
@@ -105,7 +100,7 @@ class IntensityRecruitment:
 class RateRecruitment:
     """Recruitment by repetition rate, rho_f of Eq. (10); the defaults are Table 3.
 
-    Measured from 15 to 35 Hz (`lowest_rate`, `highest_rate`).
+    Measured from 15 Hz (`lowest_rate`) to 35 Hz.
 
     Attributes
     ----------
@@ -117,8 +112,8 @@ class RateRecruitment:
         delta_1 [1/Hz].
     offset : float
         delta_2.
-    lowest_rate, highest_rate : float
-        Rates between which the formula was fitted [Hz].
+    lowest_rate : float
+        Lowest rate at which it was measured [Hz].
     """
 
     saturation: float = 25.0
@@ -126,22 +121,15 @@ class RateRecruitment:
     gain: float = 0.0597
     offset: float = -0.321
     lowest_rate: float = 15.0
-    highest_rate: float = 35.0
 
     def __post_init__(self) -> None:
-        if not all(math.isfinite(value) for value in astuple(self)):
-            raise MuscleError(f'expected finite parameters of rho_f, got {astuple(self)}')
-        if not 0 < self.lowest_rate < self.highest_rate:
-            raise MuscleError(
-                'expected 0 < lowest_rate < highest_rate, got '
-                f'{self.lowest_rate} and {self.highest_rate}'
-            )
-        if not (self.slope > 0 and self.gain > 0):
-            raise MuscleError(f'expected slope and gain above 0, got {self.slope}, {self.gain}')
+        for name in ('saturation', 'offset'):
+            check_number(MuscleError, name, getattr(self, name))
+        for name in ('lowest_rate', 'slope', 'gain'):
+            check_number(MuscleError, name, getattr(self, name), 0, above=True)
         # rho_f rises, so this keeps every pulse's weight above zero.
-        lowest = float(self(self.lowest_rate))
-        if not lowest > 0:
-            raise MuscleError(f'expected rho_f above 0 at {self.lowest_rate} Hz, got {lowest}')
+        name = f'rho_f at {self.lowest_rate} Hz'
+        check_number(MuscleError, name, float(self(self.lowest_rate)), 0, above=True)
 
     def __call__(self, rate_hz: npt.ArrayLike) -> FloatArray:
         """Return rho_f at ``rate_hz`` (shape (...), Hz), same shape."""
@@ -235,10 +223,7 @@ def arctan_recruitment_with_gradient(
 
 @numba.njit(cache=True)
 def _evaluate_all(
-    intensity: FloatArray,
-    theta: FloatArray,
-    rho: FloatArray,
-    gradient: FloatArray,
+    intensity: FloatArray, theta: FloatArray, rho: FloatArray, gradient: FloatArray
 ) -> None:
     """Write rho (n,) and its derivatives (n, 4) at intensities (n,)."""
     origin = np.empty(len(theta))
@@ -252,8 +237,7 @@ def _evaluate_all(
 
 
 def identified_recruitment(
-    parameters: RecruitmentParameters,
-    intensity: npt.ArrayLike,
+    parameters: RecruitmentParameters, intensity: npt.ArrayLike
 ) -> FloatArray:
     """Return rho(theta, u) of Eq. (30).
 
@@ -273,8 +257,7 @@ def identified_recruitment(
 
 
 def identified_recruitment_with_gradient(
-    parameters: RecruitmentParameters,
-    intensity: npt.ArrayLike,
+    parameters: RecruitmentParameters, intensity: npt.ArrayLike
 ) -> tuple[FloatArray, FloatArray]:
     """Return rho(theta, u), shape (...), and its derivatives, shape (..., 4).
 

@@ -83,11 +83,7 @@ class Sensor:
         self._origin_ns: int | None = None
 
     def measure(
-        self,
-        stamp_ns: IntArray,
-        force: FloatArray,
-        onset_ns: IntArray,
-        intensity: FloatArray,
+        self, stamp_ns: IntArray, force: FloatArray, onset_ns: IntArray, intensity: FloatArray
     ) -> FloatArray:
         """Return what the sensor shows.
 
@@ -120,10 +116,7 @@ class Sensor:
         return np.clip(measured, -settings.saturation, settings.saturation)
 
     def _artifact(
-        self,
-        stamp_ns: IntArray,
-        onset_ns: IntArray,
-        intensity: FloatArray,
+        self, stamp_ns: IntArray, onset_ns: IntArray, intensity: FloatArray
     ) -> FloatArray:
         """Return the artifact of the latest pulse at each sample (samples,) [N]."""
         latest = np.searchsorted(onset_ns, stamp_ns, side='right') - 1

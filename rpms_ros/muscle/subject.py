@@ -105,8 +105,7 @@ def simulation_subject() -> Subject:
 
 
 def random_subject(
-    generator: np.random.Generator,
-    modality: Modality = Modality.MAGNETIC,
+    generator: np.random.Generator, modality: Modality = Modality.MAGNETIC
 ) -> Subject:
     """Return a subject drawn uniformly from the ranges of Tables 1, 2 and 6.
 

@@ -80,10 +80,7 @@ def steady_mean(rate_hz: float, time_constant: float, order: float = 3) -> float
 
 
 def summed_twitches(
-    time: npt.ArrayLike,
-    rate_hz: float,
-    time_constant: float,
-    order: float = 3,
+    time: npt.ArrayLike, rate_hz: float, time_constant: float, order: float = 3
 ) -> FloatArray:
     """Return the superposition of equal twitches from time 0 on, Eq. (6), in twitch maxima.
 

@@ -297,10 +297,10 @@ def test_a_sensor_that_gives_nan_alone_is_counted_while_it_lasts():
 @pytest.mark.parametrize(
     ('values', 'message'),
     [
-        ({'pulse_look_ahead': 0.3}, r'<= pulse_look_ahead <= reorder_delay, got 0\.3 and 0\.2'),
-        ({'reorder_delay': math.inf}, 'expected 0 <= pulse_look_ahead <= reorder_delay'),
-        ({'estimate_period': 0.0}, 'expected an estimate period and a longest gap above 0 s'),
-        ({'longest_gap': math.nan}, 'expected an estimate period and a longest gap above 0 s'),
+        ({'pulse_look_ahead': 0.3}, r'pulse_look_ahead from 0 to 0\.2 s, got 0\.3'),
+        ({'reorder_delay': math.inf}, 'a finite reorder_delay of at least 0 s, got inf'),
+        ({'estimate_period': 0.0}, 'a finite estimate_period above 0 s, got 0'),
+        ({'longest_gap': math.nan}, 'a finite longest_gap above 0 s, got nan'),
     ],
 )
 def test_impossible_settings_are_refused(values, message):

@@ -32,11 +32,7 @@ from rpms_ros.identification.analysis.responses import (
     in_order,
     without_artifacts,
 )
-from rpms_ros.identification.analysis.trains import (
-    MOST_PULSES,
-    SummationAnalysis,
-    analyze_trains,
-)
+from rpms_ros.identification.analysis.trains import MOST_PULSES, SummationAnalysis, analyze_trains
 from rpms_ros.identification.analysis.twitches import TwitchAnalysis, analyze_twitches
 from rpms_ros.identification.stream.pulse_checks import outside_shares
 from rpms_ros.muscle import RateRecruitment
@@ -95,9 +91,7 @@ Progress = Callable[[str, int, int], None]
 
 
 def analyze(
-    pulses: PulseTrain,
-    force: ForceTrace,
-    progress: Progress | None = None,
+    pulses: PulseTrain, force: ForceTrace, progress: Progress | None = None
 ) -> MuscleAnalysis:
     """Analyse a recording.
 
@@ -121,12 +115,7 @@ def analyze(
 class _Analysis:
     """One run of the analysis, with its data and findings."""
 
-    def __init__(
-        self,
-        pulses: PulseTrain,
-        force: ForceTrace,
-        progress: Progress | None,
-    ) -> None:
+    def __init__(self, pulses: PulseTrain, force: ForceTrace, progress: Progress | None) -> None:
         self._progress = progress
         self.trace = clean(force)
         self.findings = list(self.trace.findings)

@@ -24,12 +24,7 @@ import scipy  # its parts are loaded when they are asked for
 from scipy.special import stdtrit
 
 from rpms_ros.errors import IdentificationError
-from rpms_ros.identification.analysis.responses import (
-    SETTLING,
-    CleanTrace,
-    Level,
-    PulseGroup,
-)
+from rpms_ros.identification.analysis.responses import SETTLING, CleanTrace, Level, PulseGroup
 from rpms_ros.muscle import (
     IntensityRecruitment,
     RateRecruitment,
@@ -119,10 +114,7 @@ def resting_force(
 
 
 def steady_point(
-    trace: CleanTrace,
-    onset_ns: IntArray,
-    level: Level,
-    baseline: Baseline,
+    trace: CleanTrace, onset_ns: IntArray, level: Level, baseline: Baseline
 ) -> SteadyPoint | str:
     """Return the steady force of a level, or why there is none."""
     if not np.isfinite(level.intensity):

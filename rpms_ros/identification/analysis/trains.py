@@ -371,11 +371,7 @@ def _search(residual: Callable[[FloatArray], FloatArray], start: FloatArray) -> 
 
 
 def _train_fit(
-    response: Response,
-    theta: FloatArray,
-    gains: FloatArray,
-    baseline: float,
-    modelled: FloatArray,
+    response: Response, theta: FloatArray, gains: FloatArray, baseline: float, modelled: FloatArray
 ) -> TrainFit:
     fit = fit_percent(response.force[response.usable], modelled[response.usable])
     return TrainFit(fit, float(theta[0]), float(theta[1]), gains, float(baseline), modelled)

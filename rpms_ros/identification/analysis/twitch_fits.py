@@ -211,11 +211,7 @@ def _begin(twitches: Twitches, start: FloatArray, rows: FloatArray) -> SharedSha
 
 @numba.njit(cache=True, nogil=True)
 def shared_fit(
-    lag: FloatArray,
-    force: FloatArray,
-    starts: IntArray,
-    start: FloatArray,
-    free: int,
+    lag: FloatArray, force: FloatArray, starts: IntArray, start: FloatArray, free: int
 ) -> SharedShape:
     """Return the shape that twitches share.
 
@@ -352,9 +348,7 @@ def _fit_one(lag: FloatArray, force: FloatArray, orders: IntArray, row: FloatArr
 
 
 def fit_twitches(
-    responses: Sequence[Response],
-    orders: tuple[int, ...],
-    progress: Progress | None = None,
+    responses: Sequence[Response], orders: tuple[int, ...], progress: Progress | None = None
 ) -> TwitchFits:
     """Fit every response to a single pulse at every order.
 

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Queue that orders pulses by onset and counts lost, repeated and unusable ones.
+"""The pulses of a stream: their order, lost and unusable ones, whether the force follows them.
 
 A pulse is *settled* when the force has come so far that an earlier one would be too late.  Only
 settled pulses are compared with their predecessors, so the result depends on stamps and
@@ -15,10 +15,15 @@ from collections import deque
 
 import numpy as np
 
+from rpms_ros.identification.model.estimate import SMALLEST_INTENSITY_SPAN
 from rpms_ros.identification.quality import doubts as faults
-from rpms_ros.identification.quality.doubts import FaultCounter
+from rpms_ros.identification.quality.doubts import (
+    CLOCKS_DIFFER,
+    FORCE_WITHOUT_PULSES,
+    FaultCounter,
+)
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, PulseTrain
-from rpms_ros.saved_state import Restorable
+from rpms_ros.saved_state import Restorable, expect
 
 
 class PulseRoom(Restorable):
@@ -68,7 +73,7 @@ FAR_NS = 10 * NANOSECONDS_PER_SECOND
 # it: pulses of more than an hour at 20 Hz.
 MOST_PULSES = 100_000
 # Where the force was before its first sample.
-_LONG_AGO = -(2**63)
+LONG_AGO = -(2**63)
 
 
 class FarPulses(Restorable):
@@ -88,7 +93,7 @@ class FarPulses(Restorable):
     def take(self, pulses: PulseTrain, newest_ns: int | None) -> PulseTrain:
         """Keep the far pulses; return the others."""
         if newest_ns is None:
-            pulses = self._admitted(pulses, _LONG_AGO)
+            pulses = self._admitted(pulses, LONG_AGO)
         if not len(pulses):
             return pulses
         first_ns = newest_ns if newest_ns is not None else int(pulses.onset_ns.min())
@@ -135,7 +140,6 @@ class FarPulses(Restorable):
 
 
 SEQUENCE_PERIOD = 2**32
-LONG_AGO = -(2**63)
 _MANY_ARRIVALS = 1000
 # Pulses with onsets in one second: twice of what stimulators could give, which are 0.2 ms apart.
 MOST_IN_A_SECOND = 10_000
@@ -230,11 +234,9 @@ class PulseQueue(Restorable):
         if not due:
             return self._ordered.onset_ns[:0], self._ordered.intensity[:0]
         train, self._ordered = self._ordered[:due], self._ordered[due:]
-        if self._regular(train):
-            self._last_onset_ns = int(train.onset_ns[-1])
-            self._last_sequence = int(train.sequence[-1])
-            return train.onset_ns, train.intensity
-        kept = np.array([self._accept(train, index) for index in range(due)], dtype=np.bool_)
+        columns = (train.onset_ns, train.sequence, train.intensity)
+        rows = zip(*(column.tolist() for column in columns), strict=True)
+        kept = np.array([self._accept(*row) for row in rows], dtype=np.bool_)
         return train.onset_ns[kept], train.intensity[kept]
 
     def unknown(self, stamp_ns: IntArray) -> BoolArray:
@@ -272,28 +274,15 @@ class PulseQueue(Restorable):
             self._ordered = _merge([self._ordered, *self._arrived])
             self._arrived = []
 
-    def _regular(self, train: PulseTrain) -> bool:
-        """Return whether every pulse follows on the one before it."""
-        if self._last_sequence is None or self._last_onset_ns is None:
-            return False
-        onset_ns, sequence, intensity = train.onset_ns, train.sequence, train.intensity
-        follows = onset_ns[0] - self._last_onset_ns >= _CLOSEST_NS
-        follows = follows and sequence[0] - self._last_sequence == 1
-        follows = follows and (onset_ns[1:] - onset_ns[:-1] >= _CLOSEST_NS).all()
-        follows = follows and (sequence[1:] - sequence[:-1] == 1).all()
-        return bool(follows and ((intensity >= 0.0) & (intensity <= 1.0)).all())
-
-    def _accept(self, train: PulseTrain, index: int) -> bool:
+    def _accept(self, onset: int, sequence: int, intensity: float) -> bool:
         """Compare one pulse with the one before it; return whether it can be used."""
-        onset = int(train.onset_ns[index])
-        sequence = int(train.sequence[index])
         if self._last_sequence is None:
             self._look_before(onset, sequence)
         elif self._last_onset_ns is not None and not self._in_sequence(onset, sequence):
             return False
         self._last_onset_ns = onset
         self._last_sequence = sequence
-        if 0.0 <= train.intensity[index] <= 1.0:
+        if 0.0 <= intensity <= 1.0:
             return True
         self._counter.add(faults.PULSE_INTENSITY_INVALID)
         self.exclude(onset, onset + self._memory_ns)
@@ -404,3 +393,201 @@ class StrayPulses(Restorable):
         if until_ns is None:
             self._kept, self._count = deque(), 0
         return count
+
+
+# Sums of 30 s, and lags up to 10 s at either side.
+_BIN_NS = 5_000_000
+_BINS, _LAGS = 6000, 2000
+# Pulses are known so far ahead of the samples.
+_AHEAD = 40
+_FEWEST = 20
+# Intensities that are so much alike from pulse to pulse tell no delay.
+_FORETOLD = 0.9
+# Pulses in a row that arrive apart from the force; those kept.
+_FEW_APART, _STRANGE = 5, 200
+# Peak of a correlation in standard deviations of the rest of it.
+_CLEAR = 6.0
+# When the force may begin after its pulse [s]: latency of a muscle, and the delay of a filter.
+_ONSET = (-0.02, 0.05)
+# The response to a pulse is over after 0.6 s; rest of 1 s tells something.
+_RESPONSE_BINS, _LEAST_REST = 120, 200
+# Share of what pulses cause that is no chance, and how many standard deviations of chance.
+_ALIKE, _CERTAIN, _PERIODS = 0.25, 4.0, 4
+
+
+class Alignment(Restorable):
+    """Whether force and pulses belong together in time, over the last half minute of a stream.
+
+    Pulses of another clock arrive far from the force that came before them, all by the same
+    time.  Where that says nothing, the increments of the force are correlated with the pulses: a
+    muscle answers a pulse within some tens of milliseconds and not before it.  And force that goes
+    on at the rate of the pulses where there are none has pulses that nobody was told of.
+
+    Parameters
+    ----------
+    lasting : bool
+        Whether what was found stays until the end, as for an estimator that forgets nothing.
+
+    Attributes
+    ----------
+    found : dict of str to str
+        Doubts by name, each with its reason for people.
+    """
+
+    found: dict[str, str]
+    _strange: deque[tuple[int, int, int]]
+    _newest_bin: int | None
+    _bins: FloatArray
+
+    def __init__(self, lasting: bool) -> None:
+        self._lasting = lasting
+        self.found = {}
+        self.restart()
+
+    def _check_restored(self) -> None:
+        expect(self._bins.shape == (4, _BINS), 'Alignment', f'four times {_BINS} sums')
+
+    def restart(self) -> None:
+        """Forget earlier stamps: the clock has jumped."""
+        self._strange = deque(maxlen=_STRANGE)
+        self._newest_bin = None
+        self._bins = np.zeros((4, _BINS))
+
+    def arrived_apart(self, onset_ns: IntArray, newest_ns: int) -> None:
+        """Note pulses (pulses,) that arrive far from the newest stamp of the force [ns]."""
+        self._strange.extend((newest_ns, onset, onset - newest_ns) for onset in onset_ns.tolist())
+
+    def add(
+        self, stamp_ns: IntArray, force: FloatArray, onset_ns: IntArray, intensity: FloatArray
+    ) -> None:
+        """Add processed samples (samples,) and pulses (pulses,), ascending [ns, N, ns, 1].
+
+        The sums do not depend on how samples are cut into blocks, in no bit.
+        """
+        if len(onset_ns):
+            # these came in time
+            self._strange.clear()
+        newest = int(stamp_ns[-1]) // _BIN_NS + _AHEAD
+        before = newest - _BINS if self._newest_bin is None else self._newest_bin
+        self._bins[:, np.arange(max(before, newest - _BINS) + 1, newest + 1) % _BINS] = 0.0
+        self._newest_bin = newest
+        place = stamp_ns // _BIN_NS
+        recent = (place > newest - _BINS) & (place <= newest)
+        np.add.at(self._bins[0], place[recent] % _BINS, force[recent])
+        np.add.at(self._bins[1], place[recent] % _BINS, 1.0)
+        place = onset_ns // _BIN_NS
+        recent = (place > newest - _BINS) & (place <= newest)
+        np.add.at(self._bins[2], place[recent] % _BINS, intensity[recent])
+        np.add.at(self._bins[3], place[recent] % _BINS, 1.0)
+
+    def judge(self, until_ns: int) -> None:
+        """Look at what came until the newest processed stamp [ns]; to be called now and then."""
+        found = dict(self.found)
+        if self._newest_bin is not None:
+            order = np.arange(self._newest_bin + 1, self._newest_bin + 1 + _BINS) % _BINS
+            force, samples, intensity, pulses = self._bins[:, order]
+            known = np.flatnonzero(samples)
+            if np.count_nonzero(pulses) >= _FEWEST and len(known) > _FEWEST:
+                mean = force[known] / samples[known]
+                step = np.diff(np.interp(np.arange(_BINS), known, mean))
+                found = {} if not self._lasting else found
+                found |= _answered_apart(step, intensity[:-1], pulses[:-1], known[0], known[-1])
+                found |= _going_on(step, pulses[:-1], known[0], known[-1])
+        apart = [one for one in self._strange if one[0] <= until_ns]
+        if len(apart) >= _FEW_APART:
+            lags = np.array([lag for _, _, lag in apart]) / NANOSECONDS_PER_SECOND
+            middle = float(np.median(lags))
+            lasts = abs(apart[-1][1] - apart[0][1]) >= NANOSECONDS_PER_SECOND
+            if lasts and np.ptp(lags) < 0.5 * abs(middle):
+                found |= {CLOCKS_DIFFER: _apart(middle, 'pulses are stamped', 'the force')}
+        self.found = found
+
+
+def _apart(seconds: float, what: str, other: str) -> str:
+    which = 'before' if seconds < 0.0 else 'after'
+    return (
+        f'{CLOCKS_DIFFER}: {what} {abs(seconds):.3g} s {which} {other}: the clocks of sensor and '
+        'stimulator differ, or one is delayed'
+    )
+
+
+def _answered_apart(
+    step: FloatArray, intensity: FloatArray, pulses: FloatArray, first: int, last: int
+) -> dict[str, str]:
+    """Return a doubt if the increments of the force (bins,) do not follow the pulses (bins,)."""
+    step = np.clip(step, *np.quantile(step, (0.005, 0.995)))
+    places = np.flatnonzero(pulses)
+    given = intensity[places] / pulses[places]
+    drive = pulses - pulses.mean()
+    varied = float(np.ptp(given)) >= SMALLEST_INTENSITY_SPAN
+    given -= given.mean()
+    alike = float(given[1:] @ given[:-1]) / float(given @ given) if varied else 1.0
+    if alike < _FORETOLD:
+        # what the pulse before does not tell, or levels that are held would answer ahead
+        drive[:] = 0.0
+        drive[places[1:]] = given[1:] - alike * given[:-1]
+    known = (np.arange(len(step)) >= first) & (np.arange(len(step)) < last)
+    room = _correlated(known.astype(float), np.square(drive))
+    # lags at which little is left to compare are no measure of chance
+    enough = room >= 0.25 * room.max()
+    together = np.where(enough, _correlated(step - step[known].mean() * known, drive), 0.0)
+    together /= np.sqrt(np.where(enough, room, 1.0))
+    peak = int(np.argmax(np.abs(together)))
+    together *= np.sign(together[peak])
+    if together[peak] <= _CLEAR * 1.4826 * float(np.median(np.abs(together[enough]))):
+        return {}
+    # where pulses are alike, other lags explain as much: none of them may be possible
+    high = np.flatnonzero(together >= 0.6 * together[peak])
+    low = np.flatnonzero(together <= 0.25 * together[peak])
+    begins = low[np.maximum(np.searchsorted(low, high) - 1, 0)] + 1
+    onset = (begins - _LAGS + 0.5) * _BIN_NS / NANOSECONDS_PER_SECOND
+    if ((onset >= _ONSET[0]) & (onset <= _ONSET[1])).any():
+        return {}
+    nearest = float(onset[np.argmin(np.abs(onset))])
+    return {CLOCKS_DIFFER: _apart(nearest, 'the force answers', 'the pulses')}
+
+
+def _correlated(course: FloatArray, drive: FloatArray) -> FloatArray:
+    """Return the correlation of a course with a drive (bins,) by lag, that of 0 in the middle."""
+    # no shorter lag wraps around
+    size = _BINS + _LAGS
+    spectrum = np.fft.rfft(course, size) * np.conj(np.fft.rfft(drive, size))
+    by_lag = np.fft.irfft(spectrum, size)
+    return np.concatenate((by_lag[-_LAGS:], by_lag[: _LAGS + 1]))
+
+
+def _going_on(step: FloatArray, pulses: FloatArray, first: int, last: int) -> dict[str, str]:
+    """Return a doubt if the force goes on at the rate of the pulses where there are none."""
+    places = np.flatnonzero(pulses)
+    period = int(np.median(np.diff(places)))
+    every = np.arange(len(step))
+    since = every - places[np.maximum(np.searchsorted(places, every, side='right') - 1, 0)]
+    since[: places[0]] = _BINS
+    inside = (every >= first) & (every < last)
+    rest = inside & (since > max(_RESPONSE_BINS, 2 * period))
+    if period < 2 or np.count_nonzero(rest) < _LEAST_REST:
+        return {}
+
+    def beat(chosen: BoolArray) -> tuple[float, float]:
+        """Return how alike increments some periods apart are, and their power."""
+        total = 0.0
+        # not within the response to one pulse, which is alike by itself
+        for half in range(3, 2 * _PERIODS + 4):
+            lag = half * period // 2
+            pair = chosen[lag:] & chosen[:-lag]
+            alike = float(np.mean(step[lag:][pair] * step[:-lag][pair])) if pair.any() else 0.0
+            weight = 0.5 if half in (3, 2 * _PERIODS + 3) else 1.0
+            total += -weight * alike if half % 2 else weight * alike
+        return total / _PERIODS, float(np.mean(np.square(step[chosen])))
+
+    (alone, power), (driven, _) = beat(rest), beat(inside & (since <= period))
+    chance = _CERTAIN * power / np.count_nonzero(rest) ** 0.5
+    if alone < chance or not 0.0 < _ALIKE * driven < alone:
+        return {}
+    seconds = np.count_nonzero(rest) * _BIN_NS / NANOSECONDS_PER_SECOND
+    return {
+        FORCE_WITHOUT_PULSES: (
+            f'{FORCE_WITHOUT_PULSES}: for {seconds:.2g} s without a pulse the force goes on at '
+            'the rate of the pulses: some are not in the data'
+        )
+    }

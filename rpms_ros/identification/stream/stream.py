@@ -8,7 +8,6 @@ arrival alone, so a replay of a recording gives the same estimates as on line, t
 it is cut into blocks.
 """
 
-import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -17,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 import rpms_ros
-from rpms_ros.errors import IdentificationError
+from rpms_ros.errors import IdentificationError, check_number
 from rpms_ros.identification.model.estimate import (
     Estimate,
     Estimator,
@@ -32,8 +31,13 @@ from rpms_ros.identification.quality.doubts import (
     ResponseMisfit,
 )
 from rpms_ros.identification.stream.monitors import Monitor, Pipeline
-from rpms_ros.identification.stream.pulse_checks import Alignment
-from rpms_ros.identification.stream.pulse_queue import FAR_NS, PulseQueue, StrayPulses
+from rpms_ros.identification.stream.pulse_queue import (
+    FAR_NS,
+    LONG_AGO,
+    Alignment,
+    PulseQueue,
+    StrayPulses,
+)
 from rpms_ros.identification.stream.sensor_checks import MONITORS, monitors_by_name
 from rpms_ros.pulses import (
     NANOSECONDS_PER_SECOND,
@@ -94,20 +98,12 @@ class StreamSettings:
     monitors: tuple[str, ...] = tuple(MONITORS)
 
     def __post_init__(self) -> None:
-        if not 0 <= self.pulse_look_ahead <= self.reorder_delay < math.inf:
-            raise IdentificationError(
-                'expected 0 <= pulse_look_ahead <= reorder_delay, got '
-                f'{self.pulse_look_ahead} and {self.reorder_delay}'
-            )
-        if not (0 < self.estimate_period < math.inf and 0 < self.longest_gap < math.inf):
-            raise IdentificationError(
-                'expected an estimate period and a longest gap above 0 s, got '
-                f'{self.estimate_period} and {self.longest_gap}'
-            )
-        if not 0 < self.largest_force < math.inf:
-            raise IdentificationError(
-                f'expected a largest force above 0 N, got {self.largest_force}'
-            )
+        refused = IdentificationError
+        check_number(refused, 'reorder_delay', self.reorder_delay, 0, unit='s')
+        most = self.reorder_delay
+        check_number(refused, 'pulse_look_ahead', self.pulse_look_ahead, 0, most, unit='s')
+        for name, unit in (('estimate_period', 's'), ('longest_gap', 's'), ('largest_force', 'N')):
+            check_number(refused, name, getattr(self, name), 0, above=True, unit=unit)
 
 
 # Most samples that may wait: a block of the batch at 100 kHz, and the delays before and after it.
@@ -279,8 +275,6 @@ class ForceIntake(Restorable):
         return True
 
 
-# Earlier than any stamp [ns].
-_BEFORE_ALL = -(2**63)
 # A spike within this time after a pulse is a stimulation artifact [ns].
 _ARTIFACT_NS = 10_000_000
 # Cells of the monitors' grid between two records of the counts of faults.
@@ -398,7 +392,7 @@ class IdentificationStream(RestorableWithSettings):
         """Predict without learning, from the sample after the newest one on."""
         if self._held_ns is None:
             newest_ns = self._intake.newest_ns
-            self._held_ns = _BEFORE_ALL if newest_ns is None else newest_ns
+            self._held_ns = LONG_AGO if newest_ns is None else newest_ns
 
     def resume(self) -> None:
         """Learn again as soon as the pulses given meanwhile no longer act."""
