@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Run the benchmarks of this folder, all or those named, and print their figures.
 
-`make bench` runs all of them, `make bench ARGS=recursion` one; `ARGS=--list` says what they measure.
+`make bench` runs all, `make bench ARGS=recursion` one; `ARGS=--list` says what they measure.
 """
 
 import subprocess
