@@ -2,13 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recordings of simulated muscles, made once."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
 
+from rpms_ros.identification import Estimate
 from rpms_ros.muscle import Contraction, simulation_subject
 from rpms_ros.pulses import FloatArray, ForceTrace, PulseTrain
 
@@ -31,6 +32,22 @@ def record() -> Record:
         return pulses, ForceTrace(stamps, muscle.force(stamps))
 
     return simulate
+
+
+@pytest.fixture(scope='session')
+def images() -> Callable[[Sequence[Estimate]], list[list[bytes]]]:
+    """Every field of estimates in every bit, the order of faults included."""
+
+    def of(estimates: Sequence[Estimate]) -> list[list[bytes]]:
+        return [
+            [
+                repr(one).encode() if isinstance(one, dict | tuple) else np.asarray(one).tobytes()
+                for one in vars(estimate).values()
+            ]
+            for estimate in estimates
+        ]
+
+    return of
 
 
 @pytest.fixture(scope='session')

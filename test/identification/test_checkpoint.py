@@ -41,13 +41,6 @@ def fresh(name, period=0.1) -> IdentificationStream:
     return IdentificationStream(estimator, StreamSettings(estimate_period=period))
 
 
-def image(estimate) -> list[bytes]:
-    return [
-        repr(value).encode() if isinstance(value, dict | tuple) else np.asarray(value).tobytes()
-        for value in vars(estimate).values()
-    ]
-
-
 @pytest.fixture(name='session', scope='module')
 def session_fixture(record):
     """Pulses and force of four seconds, with noise, a spike, a lost pulse, a gap and a jump."""
@@ -82,7 +75,7 @@ def run(stream, session, start, stop) -> list[Estimate]:
 @pytest.mark.parametrize('name', [*sorted(ESTIMATORS), PAPER])
 @settings(max_examples=EXAMPLES)
 @given(cut=st.integers(0, SESSION_SAMPLES))
-def test_going_on_is_never_having_stopped(session, tmp_path_factory, name, cut):
+def test_going_on_is_never_having_stopped(session, tmp_path_factory, images, name, cut):
     path = tmp_path_factory.mktemp('state') / 'saved'
     period = 0.1 if name != 'batch' else 1.0
     whole, before, after = (fresh(name, period) for _ in range(3))
@@ -93,7 +86,7 @@ def test_going_on_is_never_having_stopped(session, tmp_path_factory, name, cut):
     same_everywhere(whole, after, name)
     expected = run(whole, session, cut, SESSION_SAMPLES) + whole.finish()
     found = run(after, session, cut, SESSION_SAMPLES) + after.finish()
-    assert [image(one) for one in found] == [image(one) for one in expected]
+    assert images(found) == images(expected)
 
 
 def parts_of(value) -> dict[object, object]:

@@ -125,13 +125,6 @@ def replayed(name, arrivals, waiting) -> list[Estimate]:
     return estimates + stream.finish()
 
 
-def image(estimate) -> list[bytes]:
-    return [
-        repr(value).encode() if isinstance(value, dict) else np.asarray(value).tobytes()
-        for value in vars(estimate).values()
-    ]
-
-
 @pytest.mark.long
 @pytest.mark.parametrize('name', ['recursive', 'tracking', PAPER])
 @settings(max_examples=EXAMPLES)
@@ -140,14 +133,14 @@ def image(estimate) -> list[bytes]:
     cuts=st.lists(st.integers(0, 3000), max_size=40),
     delay=st.sampled_from([(0.2, 0.1), (0.05, 0.02), (0.0, 0.0)]),
 )
-def test_live_is_replay(record, name, wrong, cuts, delay):
+def test_live_is_replay(images, record, name, wrong, cuts, delay):
     pulses, forces = record(np.random.default_rng(7).uniform(size=48), START_NS)
     noise = 0.02 * np.random.default_rng(8).standard_normal(2400)
     arrivals = arrivals_of(pulses, ForceTrace(forces.stamp_ns, forces.force + noise))
     for kind, place, size in wrong:
         arrivals = spoil(arrivals, kind, place, size)
     waiting = StreamSettings(reorder_delay=delay[0], pulse_look_ahead=delay[1])
-    check_live_is_replay(name, arrivals, cuts, waiting)
+    check_live_is_replay(images, name, arrivals, cuts, waiting)
 
 
 SLOW_HZ = 50
@@ -180,11 +173,11 @@ def slow_session(record) -> list[Arrival]:
     ),
     cuts=st.lists(st.integers(0, 2800), max_size=40),
 )
-def test_live_is_replay_for_long_with_a_slow_sensor(slow_session, name, wrong, cuts):
+def test_live_is_replay_for_long_with_a_slow_sensor(images, slow_session, name, wrong, cuts):
     arrivals = slow_session
     for kind, place, size in wrong:
         arrivals = spoil(arrivals, kind, place, size)
-    check_live_is_replay(name, arrivals, cuts, StreamSettings())
+    check_live_is_replay(images, name, arrivals, cuts, StreamSettings())
 
 
 def late_and_back(count, ahead_ns) -> list[Arrival]:
@@ -202,26 +195,26 @@ def late_and_back(count, ahead_ns) -> list[Arrival]:
 @pytest.mark.parametrize(
     ('name', 'count'), [('recursive', 3), ('recursive', 2500), ('tracking', 3)]
 )
-def test_late_pulses_count_at_one_time(name, ahead_ns, count):
+def test_late_pulses_count_at_one_time(images, name, ahead_ns, count):
     arrivals = late_and_back(count, ahead_ns)
     every_sample = list(range(len(arrivals)))
-    check_live_is_replay(name, arrivals, every_sample, StreamSettings())
+    check_live_is_replay(images, name, arrivals, every_sample, StreamSettings())
 
 
 @pytest.mark.parametrize('after_ms', range(19_980, 20_300, 40))
-def test_far_pulses_are_given_up_at_one_time(after_ms):
+def test_far_pulses_are_given_up_at_one_time(images, after_ms):
     step_ns = SECOND // SLOW_HZ
     samples = [(START_NS + index * step_ns, 0.0) for index in range(12 * SLOW_HZ)]
     far = Pulse(START_NS + after_ms * MILLISECOND, 0.5, 0)
     arrivals = [samples[0], far, *samples[1:]]
     # Before ten seconds it is not given up anyhow.
     every_late_sample = list(range(9 * SLOW_HZ, len(arrivals)))
-    check_live_is_replay('recursive', arrivals, every_late_sample, StreamSettings())
+    check_live_is_replay(images, 'recursive', arrivals, every_late_sample, StreamSettings())
 
 
 @pytest.mark.parametrize('cut_every', [1, 7, 200])
 @pytest.mark.parametrize('ahead_ms', [300, 10_500])
-def test_a_flood_is_refused_alike(monkeypatch, cut_every, ahead_ms):
+def test_a_flood_is_refused_alike(images, monkeypatch, cut_every, ahead_ms):
     """More pulses than there is room for, with limits that a test can reach."""
     monkeypatch.setattr('rpms_ros.identification.stream.pulse_queue.MOST_PULSES', 40)
     monkeypatch.setattr('rpms_ros.identification.stream.pulse_queue.MOST_IN_A_SECOND', 30)
@@ -234,15 +227,15 @@ def test_a_flood_is_refused_alike(monkeypatch, cut_every, ahead_ms):
             ahead_ns = ahead_ms * MILLISECOND + 1000 * index
             arrivals += [Pulse(sample[0] + ahead_ns, 0.5, 2 * index + one) for one in range(2)]
     cuts = list(range(0, len(arrivals), cut_every))
-    check_live_is_replay('recursive', arrivals, cuts, StreamSettings())
+    check_live_is_replay(images, 'recursive', arrivals, cuts, StreamSettings())
     found = replayed('recursive', arrivals, StreamSettings())[-1].faults
     assert found['pulse_far_ahead'] >= 10
     assert found['pulse_too_close'] > 0
 
 
-def check_live_is_replay(name, arrivals, cuts, waiting) -> None:
+def check_live_is_replay(images, name, arrivals, cuts, waiting) -> None:
     expected = replayed(name, arrivals, waiting)
     found = live(name, arrivals, [cut for cut in cuts if cut < len(arrivals)], waiting)
     assert [one.stamp_ns for one in found] == [one.stamp_ns for one in expected]
     assert [dict(one.faults) for one in found] == [dict(one.faults) for one in expected]
-    assert [image(one) for one in found] == [image(one) for one in expected]
+    assert images(found) == images(expected)

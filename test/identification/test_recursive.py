@@ -4,11 +4,9 @@
 
 import math
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
 
 from rpms_ros.identification import TABLE_4, ModifiedRecursiveLM
 from rpms_ros.pulses import FloatArray, ForceTrace, PulseTrain
@@ -33,25 +31,6 @@ def state_bytes(estimator, without=()) -> bytes:
         scalars[name] = 0
     state = estimator._state._replace(scalars=scalars)
     return b''.join(array.tobytes() for array in state)
-
-
-@settings(max_examples=20)
-@given(st.sets(st.integers(1, 1499), max_size=20))
-def test_blocks_change_no_bit(record, cuts):
-    pulses, forces = record(uniform(30))
-    whole, prediction = fed(pulses, forces)
-    cut = ModifiedRecursiveLM(TABLE_4, seed=1)
-    parts = []
-    edges = [0, *sorted(cuts), 1500]
-    for start, stop in pairwise(edges):
-        first, last = np.searchsorted(pulses.onset_ns, forces.stamp_ns[[start, stop - 1]])
-        first = 0 if start == 0 else np.searchsorted(pulses.onset_ns, forces.stamp_ns[start - 1])
-        cut.add_pulses(pulses.onset_ns[first:last], pulses.intensity[first:last])
-        part = slice(start, stop)
-        usable = np.ones(stop - start, dtype=np.bool_)
-        parts.append(cut.update(forces.stamp_ns[part], forces.force[part], usable))
-    assert np.concatenate(parts).tobytes() == prediction.tobytes()
-    assert state_bytes(cut) == state_bytes(whole)
 
 
 def test_scaling_the_force_moves_the_linear_parameters_alone(record):

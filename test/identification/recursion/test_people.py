@@ -16,7 +16,6 @@ from rpms_ros.identification import (
     NOT_INFORMED,
     PEOPLE,
     FixedSizeRecursion,
-    FixedSizeSettings,
 )
 from rpms_ros.identification.recursion.people import ChangeTest
 from rpms_ros.muscle import average_subject, simulation_subject
@@ -241,19 +240,6 @@ def test_a_matrix_without_a_factor_is_counted(session):
     found.until(estimator, 2.0, 2.2)
     assert estimator.parameters == before
     assert estimator.estimate(0, {}).faults['factorisation_failed'] > 0
-
-
-@pytest.mark.parametrize(
-    ('values', 'message'),
-    [
-        ({'memory_time': 0.0}, r'expected memory_time above 0, got 0\.0'),
-        ({'drift': math.nan}, 'expected drift above 0, got nan'),
-        ({'memory_after_change': 50.0}, 'expected memory_after_change below memory_time, got 50'),
-    ],
-)
-def test_impossible_settings_are_refused(values, message):
-    with pytest.raises(IdentificationError, match=message):
-        FixedSizeSettings(**values)
 
 
 def test_a_twitch_may_begin_at_the_stamp_of_the_only_sample_of_a_block(session):
