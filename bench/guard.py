@@ -216,7 +216,7 @@ def timed(action):
 
 def until_written(line):
     began = time.monotonic_ns()
-    return (line.exchange(rapid2.ENABLE, 3).written_ns - began) / SECOND
+    return (line.exchange(rapid2.ENABLE, 3).time_ns - began) / SECOND
 
 
 def main():

@@ -177,7 +177,7 @@ def main(argv: list[str] | None = None) -> int:
         launcher.stop()
         counts = launcher.recorder.counts
         lost = counts['force'].missing(FORCE_RATE)
-        samples = counts['force'].messages
+        samples = counts['force']
     print(f'live page, {FORCE_RATE:.0f} Hz, {span:g} s each')
     for name, load in (
         ('one browser', drawn),

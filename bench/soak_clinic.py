@@ -151,8 +151,7 @@ class Clinic:
         self._count_driver()
         counts = self.recorder.counts
         self.graph.wait_for(lambda: counts[topics.PULSES] >= self.counts['delivered'])
-        accepted = counts[topics.ACCEPTED_SCHEDULE]
-        self.graph.wait_for(lambda: accepted.messages >= self.counts['runs'])
+        self.graph.wait_for(lambda: counts[topics.ACCEPTED_SCHEDULE] >= self.counts['runs'])
         self.graph.remove(self.recorder)
         recorded = {topic.name: topic.count for topic in read_facts(self.path).topics}
         self.counts['pulses recorded'] = recorded.get(f'/{NAMESPACE}/{topics.PULSES}', 0)

@@ -283,7 +283,7 @@ class Laboratory:
     def end_recording(self):
         """Let both end; count what went through them."""
         counts = self.recorder.counts
-        self.graph.wait_for(lambda: counts['estimate'].messages == self.identifier.said)
+        self.graph.wait_for(lambda: counts['estimate'] == self.identifier.said)
         for name in ('pulses', 'force'):
             self.totals[f'{name} sent'] += self.sent()[name]
             self.totals[f'{name} heard'] += self.identifier.heard[name]
@@ -337,5 +337,5 @@ class Laboratory:
         return (
             self.plant.heard == self.link.given - self._plant_given
             and all(self.identifier.heard[name] == sent[name] for name in ('pulses', 'force'))
-            and all(counts[name].messages == sent[name] for name in ('pulses', 'force'))
+            and all(counts[name] == sent[name] for name in ('pulses', 'force'))
         )

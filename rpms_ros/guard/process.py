@@ -1,8 +1,10 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The guard as a process, a child of the driver."""
+"""The guard as a process, a child of the driver.
 
-import argparse
+Its arguments are the descriptors of line and driver, then the fields of `GuardLimits`.
+"""
+
 import contextlib
 import gc
 import os
@@ -24,40 +26,22 @@ _LEFT_ALONE = {
 
 def main(arguments: list[str] | None = None) -> int:
     """Serve the driver that has started this process; return the exit status."""
-    options = _parser().parse_args(arguments)
+    given = sys.argv[1:] if arguments is None else arguments
     try:
-        limits = GuardLimits(
-            options.maximum_percent,
-            options.beat_limit,
-            options.answer_limit,
-            options.keep_alive,
-        )
+        line, number, percent = map(int, given[:3])
+        limits = GuardLimits(percent, *map(float, given[3:]))
         wakeup = _woken_by_signals()
-        driver = socket.socket(fileno=options.driver_descriptor)
-        os.set_blocking(options.line_descriptor, False)
+        driver = socket.socket(fileno=number)
+        os.set_blocking(line, False)
         driver.setblocking(False)
         driver.send(packets.packed(Packet(packets.HELLO)))
-        reason = Guard(options.line_descriptor, driver.fileno(), limits, wakeup).run()
+        reason = Guard(line, driver.fileno(), limits, wakeup).run()
     except (OSError, ValueError) as error:
         _say(str(error))
         return 2
     if reason != 'the driver has left':
         _say(f'disarmed: {reason}')
     return 0
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(description='Started by the driver of a stimulator.')
-    for name in ('line-descriptor', 'driver-descriptor'):
-        parser.add_argument(f'--{name}', type=int, required=True)
-    for name, limit in (
-        ('maximum-percent', GuardLimits.maximum_percent),
-        ('beat-limit', GuardLimits.beat_limit_s),
-        ('answer-limit', GuardLimits.answer_limit_s),
-        ('keep-alive', GuardLimits.keep_alive_s),
-    ):
-        parser.add_argument(f'--{name}', type=type(limit), default=limit)
-    return parser
 
 
 def _woken_by_signals() -> int:

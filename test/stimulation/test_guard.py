@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 import time
+from dataclasses import astuple
 from pathlib import Path
 
 import pytest
@@ -27,7 +28,7 @@ COMMANDS = (b'Q@', b'EA', b'EB', b'EB', b'EH', b'EH', b'EH', b'F@')
 class Driver:
     """The driver's end of a guard that runs as a process; it beats only when it is told to."""
 
-    def __init__(self, port, *options):
+    def __init__(self, port, **limits):
         self.line = open_port(port)
         self.socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.socket.settimeout(60.0)
@@ -36,9 +37,7 @@ class Driver:
             self.guard = subprocess.Popen(
                 [
                     *[sys.executable, '-I', '-S', str(Path(rpms_ros.guard.__file__).parent)],
-                    f'--line-descriptor={descriptors[0]}',
-                    f'--driver-descriptor={descriptors[1]}',
-                    *options,
+                    *map(str, (*descriptors, *astuple(GuardLimits(**limits)))),
                 ],
                 pass_fds=descriptors,
                 stderr=subprocess.PIPE,
@@ -86,7 +85,7 @@ def fake(instrument):
 
 @pytest.fixture
 def driver(fake):
-    driving = Driver(fake.port, '--beat-limit=20', '--answer-limit=5', '--keep-alive=20')
+    driving = Driver(fake.port, beat_limit_s=20.0, answer_limit_s=5.0, keep_alive_s=20.0)
     yield driving
     driving.close()
 
@@ -174,7 +173,7 @@ def test_trigger_needs_an_intensity_that_the_instrument_has_taken(fake, driver):
 
 
 def test_intensity_above_the_bound(fake):
-    driver = Driver(fake.port, '--beat-limit=20', '--maximum-percent=40')
+    driver = Driver(fake.port, beat_limit_s=20.0, maximum_percent=40)
     driver.armed()
     assert driver.exchange(b'EH').kind == packets.ANSWER
     driver.send(packets.EXCHANGE, 2, payload=b'\x03' + rapid2.framed(b'@041'))
@@ -207,7 +206,7 @@ def test_a_guard_that_was_stopped_relays_nothing_old_and_obeys_the_silence_first
 
 def test_keep_alives_come_only_while_the_driver_beats(fake, wait_for):
     # longer than a busy machine stands still
-    driver = Driver(fake.port, '--beat-limit=2', '--keep-alive=0.05').armed()
+    driver = Driver(fake.port, beat_limit_s=2.0, keep_alive_s=0.05).armed()
     asked = fake.frames.count(b'Q@')
 
     def kept_alive():
@@ -225,7 +224,7 @@ def test_keep_alives_come_only_while_the_driver_beats(fake, wait_for):
 
 
 def test_keep_alive_that_shows_an_error_disarms(fake):
-    driver = Driver(fake.port, '--beat-limit=20', '--keep-alive=0.05').armed()
+    driver = Driver(fake.port, beat_limit_s=20.0, keep_alive_s=0.05).armed()
     fake.error = True
     packet = driver.received()
     assert packet.kind == packets.DISARMED
@@ -237,7 +236,7 @@ def test_keep_alive_that_shows_an_error_disarms(fake):
 def test_instrument_that_does_not_disarm_is_left_to_its_own_watchdog(instrument, wait_for):
     # every frame is a sign of life to it: the guard has to fall silent
     fake = instrument(watchdog_s=0.5, charge_s=0.0)
-    driver = Driver(fake.port, '--beat-limit=20').armed()
+    driver = Driver(fake.port, beat_limit_s=20.0).armed()
     fake.obey_disarm = False
     driver.send(packets.SILENCE)
     wait_for(lambda: not fake.armed)
@@ -333,7 +332,7 @@ def random_packet(chance):
 
 def attacked_at_random(fake, chance):
     """Send what comes to mind to a guard, until it ends or a pulse was given."""
-    driver = Driver(fake.port, '--beat-limit=20', '--answer-limit=5', '--maximum-percent=40')
+    driver = Driver(fake.port, beat_limit_s=20.0, answer_limit_s=5.0, maximum_percent=40)
     assert driver.listen().exchange(b'Q@').kind == packets.ANSWER
     # begin anew whenever it was refused: most of what follows then passes
     anew = [Packet(packets.LISTEN)]

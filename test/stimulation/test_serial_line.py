@@ -10,11 +10,12 @@ import time
 
 import pytest
 
-from rpms_ros.guard import rapid2
+from rpms_ros.guard import packets, rapid2
+from rpms_ros.guard.packets import Packet
 from rpms_ros.pulses import MAGNETIC_PULSE_WIDTH
 from rpms_ros.stimulation.devices import DeviceError, DeviceStatus
 from rpms_ros.stimulation.devices.registry import TooLate
-from rpms_ros.stimulation.devices.serial_line import Reply, SerialDevice
+from rpms_ros.stimulation.devices.serial_line import SerialDevice
 
 
 def test_opening_takes_control_at_intensity_zero_disarmed(fake, device):
@@ -159,7 +160,8 @@ def test_coil_of_a_disarmed_device_may_be_changed(fake, device, armed):
 def test_a_trigger_that_found_the_device_charging_is_no_delivery(device, armed, monkeypatch):
     armed(device)
     status = rapid2.ARMED | rapid2.COIL_PRESENT | rapid2.REMOTE
-    answer = Reply(rapid2.framed(b'E' + bytes([status])), time.monotonic_ns())
+    frame = rapid2.framed(b'E' + bytes([status]))
+    answer = Packet(packets.ANSWER, 1, time.monotonic_ns(), frame)
     monkeypatch.setattr(device._line, 'exchange', lambda *_: answer)
     with pytest.raises(DeviceError, match='expected a ready device, got status 0x8a'):
         device.fire(0.5, MAGNETIC_PULSE_WIDTH)

@@ -352,7 +352,6 @@ class DriverWatch:
             beat = Beat(
                 message.token,
                 messages.nanoseconds(message.header.stamp),
-                int(message.sequence),
                 bool(message.enable),
                 taken.identity,
             )

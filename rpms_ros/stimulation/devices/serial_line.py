@@ -22,8 +22,9 @@ import sys
 import termios
 import time
 from collections.abc import Callable
+from dataclasses import astuple
 from pathlib import Path
-from typing import NamedTuple, NoReturn
+from typing import NoReturn, TypeVar
 
 import serial
 
@@ -43,6 +44,8 @@ from rpms_ros.stimulation.devices.registry import (
     quantized_down,
 )
 
+Read = TypeVar('Read')
+
 _SECOND = 1_000_000_000
 _FOREVER_S = 1e6
 _STEPS = 100
@@ -54,6 +57,8 @@ _FROM_ZERO_S = 1.0
 _TURNAROUND_S = 0.003
 _TEMPERATURE_INTERVAL_NS = 2 * _SECOND
 _FRAME_LENGTH = 3
+# A trigger would give a pulse.
+_ABLE = rapid2.ARMED | rapid2.READY
 # The protocol has no word on whether a trigger gave a pulse; the intensity is read back later.
 _UNVERIFIED = frozenset({'delivery', 'intensity'})
 
@@ -108,21 +113,6 @@ _LISTEN_S = 2.0
 _LEAVE_S = 2.0
 # Beats that are this close together say nothing more.
 _BEAT_INTERVAL_NS = 20_000_000
-
-
-class Reply(NamedTuple):
-    """An answer of the instrument.
-
-    Attributes
-    ----------
-    answer : bytes
-        As it came, checked for nothing but its length.
-    written_ns : int
-        When the guard wrote the command [ns].
-    """
-
-    answer: bytes
-    written_ns: int
 
 
 class GuardedLine:
@@ -183,22 +173,24 @@ class GuardedLine:
             raise
         self._beat_ns, self._unheard_ns = 0, None
 
-    def exchange(self, command: bytes, length: int, latest_ns: int | None = None) -> Reply | None:
+    def exchange(
+        self, command: bytes, length: int, latest_ns: int = packets.FOREVER_NS
+    ) -> Packet | None:
         """Send a command; return its answer, None if it could not be written in time.
+
+        The answer, checked for nothing but its length, is the payload; ``time_ns`` is when the
+        guard wrote the command.
 
         Raises
         ------
         DeviceError
             If the guard refuses it, or the instrument or the guard does not answer.
         """
-        sequence = self._send(
-            packets.EXCHANGE,
-            bytes([length]) + rapid2.framed(command),
-            packets.FOREVER_NS if latest_ns is None else latest_ns,
-        )
+        payload = bytes([length]) + rapid2.framed(command)
+        sequence = self._send(packets.EXCHANGE, payload, latest_ns)
         name = command.decode('latin-1')
         packet = self._answer_to(sequence, self.limits.answer_limit_s, f'an answer to {name}')
-        return None if packet.kind == packets.LATE else Reply(packet.payload, packet.time_ns)
+        return None if packet.kind == packets.LATE else packet
 
     def listen(self) -> None:
         """Begin anew after a silence: what was still on the line is forgotten.
@@ -284,24 +276,16 @@ class GuardedLine:
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         ours.setblocking(False)
         self._socket = Descriptor(ours.detach())
-        limits = self.limits
+        descriptors = self._line.number, theirs.fileno()
         with theirs:
             # Isolated and without site: nothing of an environment runs in it.  In a session of
             # its own: a signal to the driver's group does not reach it.
             self._guard = subprocess.Popen(
                 [
-                    sys.executable,
-                    '-I',
-                    '-S',
-                    str(Path(rpms_ros.guard.__file__).parent),
-                    f'--line-descriptor={self._line.number}',
-                    f'--driver-descriptor={theirs.fileno()}',
-                    f'--maximum-percent={limits.maximum_percent}',
-                    f'--beat-limit={limits.beat_limit_s}',
-                    f'--answer-limit={limits.answer_limit_s}',
-                    f'--keep-alive={limits.keep_alive_s}',
+                    *(sys.executable, '-I', '-S', str(Path(rpms_ros.guard.__file__).parent)),
+                    *map(str, (*descriptors, *astuple(self.limits))),
                 ],
-                pass_fds=(self._line.number, theirs.fileno()),
+                pass_fds=descriptors,
                 start_new_session=True,
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
@@ -313,10 +297,13 @@ class GuardedLine:
 
     # ---- packets
 
-    def _send(self, kind: bytes, payload: bytes = b'', time_ns: int = 0) -> int:
-        guard = self._socket
-        if guard is None:
+    def _opened(self) -> Descriptor:
+        if self._socket is None:
             raise DeviceError('expected an open serial line, got a closed one')
+        return self._socket
+
+    def _send(self, kind: bytes, payload: bytes = b'', time_ns: int = 0) -> int:
+        guard = self._opened()
         self._sequence = (self._sequence + 1) & 0xFFFFFFFF
         try:
             os.write(guard.number, packets.packed(Packet(kind, self._sequence, time_ns, payload)))
@@ -347,9 +334,7 @@ class GuardedLine:
             raise DeviceError(packet.payload.decode('utf-8', 'replace'))
 
     def _received(self, limit_s: float) -> Packet | None:
-        guard = self._socket
-        if guard is None:
-            raise DeviceError('expected an open serial line, got a closed one')
+        guard = self._opened()
         poll = select.poll()
         poll.register(guard.number, select.POLLIN)
         if not poll.poll(limit_s * 1000):
@@ -457,7 +442,7 @@ class SerialDevice:
         try:
             self._begin()
             version = self._line.exchange(rapid2.VERSION, rapid2.UNTIL_ZERO)
-            self._parameters_length = _length_of_parameters(version.answer if version else b'')
+            self._parameters_length = _length_of_parameters(version.payload if version else b'')
             self._set_percent(0)
             if self.read_back().intensity:
                 raise DeviceError('expected intensity 0 % in the device, got more')
@@ -511,22 +496,24 @@ class SerialDevice:
             return None
         if percent is None or not self._armed:
             raise DeviceError('expected an armed device with an intensity, got none')
+        latest_ns = packets.FOREVER_NS if latest_ns is None else latest_ns
         reply = self._line.exchange(rapid2.TRIGGER, rapid2.STATUS_LENGTH, latest_ns)
         if reply is None:
             raise TooLate('expected a trigger to be written in time, got it too late')
-        status = self._checked(rapid2.TRIGGER, reply.answer, rapid2.STATUS_LENGTH).status
+        answer = rapid2.TRIGGER, reply.payload, rapid2.STATUS_LENGTH
+        status = _checked(rapid2.parsed, *answer).status
         self._refuse_what_is_wrong(status, armed=True)
         if not status & rapid2.READY:
             raise DeviceError(f'expected a ready device, got status {status:#04x}')
-        onset_ns = reply.written_ns + nanoseconds(self.trigger_s)
+        onset_ns = reply.time_ns + nanoseconds(self.trigger_s)
         return Delivery(onset_ns, percent / _STEPS, _UNVERIFIED)
 
     def read_back(self) -> DeviceStatus:
         """Read the intensity back; one that is not what was set silences the device at once."""
         if self._is_silenced or self._parameters_length is None:
             return DeviceStatus()
-        answer = self._checked_exchange(rapid2.PARAMETERS, self._parameters_length)
-        found = _checked_number(rapid2.set_percent, answer.data)
+        answer = self._exchange(rapid2.PARAMETERS, self._parameters_length)
+        found = _checked(rapid2.set_percent, answer.data)
         if found != self._set:
             self.silence()
         else:
@@ -591,7 +578,7 @@ class SerialDevice:
         # the second answer has the status after the first command
         self._ask(rapid2.DISARM)
         status = self._ask(rapid2.DISARM)
-        if status & (rapid2.ARMED | rapid2.READY):
+        if status & _ABLE:
             raise DeviceError(f'expected a device that disarms, got status {status:#04x}')
         # one that came meanwhile still counts
         self._answered_silences = silenced
@@ -614,45 +601,36 @@ class SerialDevice:
         return last is None or self._clock() - last >= _TEMPERATURE_INTERVAL_NS
 
     def _read_temperature(self) -> float:
-        answer = self._checked_exchange(rapid2.TEMPERATURE, rapid2.TEMPERATURE_LENGTH)
-        temperature = _checked_number(rapid2.celsius, answer.data)
+        answer = self._exchange(rapid2.TEMPERATURE, rapid2.TEMPERATURE_LENGTH)
+        temperature = _checked(rapid2.celsius, answer.data)
         self._temperature_ns = self._clock()
         return temperature
 
     def _ask(self, command: bytes) -> int:
         """Send a command; return the status in its answer."""
-        return self._checked_exchange(command, rapid2.STATUS_LENGTH).status
+        return self._exchange(command, rapid2.STATUS_LENGTH).status
 
-    def _checked_exchange(self, command: bytes, length: int) -> rapid2.Answer:
+    def _exchange(self, command: bytes, length: int) -> rapid2.Answer:
         reply = self._line.exchange(command, length)
-        return self._checked(command, b'' if reply is None else reply.answer, length)
-
-    def _checked(self, command: bytes, answer: bytes, length: int) -> rapid2.Answer:
-        try:
-            return rapid2.parsed(command, answer, length)
-        except ValueError as error:
-            raise DeviceError(str(error)) from error
+        return _checked(rapid2.parsed, command, reply.payload if reply else b'', length)
 
     def _refuse_what_is_wrong(self, status: int, armed: bool) -> None:
-        wrong = []
-        if not status & rapid2.COIL_PRESENT:
-            wrong.append('no coil')
-        if status & rapid2.REPLACE_COIL:
-            wrong.append('a coil to be replaced')
-        if status & rapid2.ERROR:
-            wrong.append('an error')
-        if armed and not status & (rapid2.ARMED | rapid2.READY):
-            wrong.append('a device that has disarmed by itself')
-        if wrong:
+        said = {
+            'no coil': not status & rapid2.COIL_PRESENT,
+            'a coil to be replaced': status & rapid2.REPLACE_COIL,
+            'an error': status & rapid2.ERROR,
+            'a device that has disarmed by itself': armed and not status & _ABLE,
+        }
+        if any(said.values()):
             self.silence()
+            wrong = ', '.join(name for name, is_wrong in said.items() if is_wrong)
             raise DeviceError(
-                f'expected a device in order with a coil, got {", ".join(wrong)}: '
-                f'status {status:#04x}'
+                f'expected a device in order with a coil, got {wrong}: status {status:#04x}'
             )
 
     def _status_of(self, status: int, temperature: float | None = None) -> DeviceStatus:
         return DeviceStatus(
-            armed=bool(status & (rapid2.ARMED | rapid2.READY)),
+            armed=bool(status & _ABLE),
             ready=bool(status & rapid2.READY),
             coil_present=bool(status & rapid2.COIL_PRESENT),
             replace_coil=bool(status & rapid2.REPLACE_COIL),
@@ -671,9 +649,10 @@ def _length_of_parameters(answer: bytes) -> int | None:
         raise DeviceError(str(error)) from error
 
 
-def _checked_number(read: Callable[[bytes], float], data: bytes) -> float:
+def _checked(read: Callable[..., Read], *given: object) -> Read:
+    """Read an answer; what is wrong with it is a fault of the device."""
     try:
-        return read(data)
+        return read(*given)
     except ValueError as error:
         raise DeviceError(str(error)) from error
 

@@ -31,46 +31,6 @@ from typing import NamedTuple
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, nanoseconds
 from rpms_ros.stimulation.driver.safety_monitor import Refused
 
-
-class Heartbeat:
-    """Tells a new heartbeat from one that is repeated or was delayed.
-
-    Parameters
-    ----------
-    timeout_s : float
-        How much longer than the quickest one a heartbeat may have taken [s].
-    """
-
-    def __init__(self, timeout_s: float) -> None:
-        self._timeout_ns = nanoseconds(timeout_s)
-        self._last_ns: int | None = None
-        self._quickest_ns = 0
-
-    def refusal(self, stamp_ns: int, arrival_ns: int) -> str | None:
-        """Return why a heartbeat does not count, None if it does.
-
-        Parameters
-        ----------
-        stamp_ns : int
-            When it was sent, on the sender's clock [ns].
-        arrival_ns : int
-            When it came, on a clock that is never set [ns].
-        """
-        took_ns = arrival_ns - stamp_ns
-        if self._last_ns is None:
-            self._quickest_ns = took_ns
-        elif stamp_ns <= self._last_ns:
-            return 'expected a heartbeat after the last one, got one that repeats or goes back'
-        self._quickest_ns = min(self._quickest_ns, took_ns)
-        late_ns = took_ns - self._quickest_ns
-        if late_ns > self._timeout_ns:
-            limit_s = self._timeout_ns / NANOSECONDS_PER_SECOND
-            late_s = late_ns / NANOSECONDS_PER_SECOND
-            return f'expected a heartbeat of at most {limit_s:g} s ago, got one of {late_s:.3g} s'
-        self._last_ns = stamp_ns
-        return None
-
-
 AUTHORITY = 'authority'
 LONGEST_NAME = 64
 _TOKEN_BYTES = 16
@@ -85,8 +45,6 @@ class Beat(NamedTuple):
         What the driver gave the operator.
     stamp_ns : int
         When it was sent, on the sender's clock [ns].
-    sequence : int
-        Counts the heartbeats.
     enable : bool
         Whether the operator holds the enable.
     source : bytes
@@ -95,7 +53,6 @@ class Beat(NamedTuple):
 
     token: str
     stamp_ns: int
-    sequence: int
     enable: bool
     source: bytes
 
@@ -137,15 +94,11 @@ class Authority:
         self.valid_s = valid_s
         self._timeout_s = timeout_s
         self._lock = threading.RLock()
-        self.generation = 0
-        self.operator = ''
-        self._token = ''
-        self._until_ns = 0
-        self.confirmed = False
-        self._source: bytes | None = None
-        self._sequence: int | None = None
+        self.generation = self._until_ns = self._quickest_ns = 0
+        self.operator = self._token = self._doubt = ''
+        self.confirmed = self.enabled = False
+        self._last: Beat | None = None
         self._seen_ns: int | None = None
-        self.enabled = False
         self._forget_beats()
 
     def request(self, operator: str, now_ns: int) -> str:
@@ -171,15 +124,19 @@ class Authority:
         with self._lock:
             if not self._is_token(beat.token):
                 return 'expected a heartbeat with the token of the operator, got another one'
-            if self._source is not None and beat.source != self._source:
+            if self._last is not None and beat.source != self._last.source:
                 self._doubt = 'expected one process with this token, got heartbeats of two'
                 return self._doubt
-            if self._sequence is not None and beat.sequence <= self._sequence:
+            if self._last is not None and beat.stamp_ns <= self._last.stamp_ns:
                 return 'expected a heartbeat after the last one, got one that repeats or goes back'
-            refusal = self._heartbeat.refusal(beat.stamp_ns, now_ns)
-            if refusal is not None:
-                return refusal
-            self._source, self._sequence = beat.source, beat.sequence
+            took_ns = now_ns - beat.stamp_ns
+            if self._last is None or took_ns < self._quickest_ns:
+                self._quickest_ns = took_ns
+            late_s = (took_ns - self._quickest_ns) / NANOSECONDS_PER_SECOND
+            if late_s > self._timeout_s:
+                most = f'expected a heartbeat of at most {self._timeout_s:g} s ago'
+                return f'{most}, got one of {late_s:.3g} s'
+            self._last = beat
             # whoever has armed and lets go arms again, also if it was for one heartbeat only
             held = self.enabled or not self.confirmed
             self._seen_ns, self.enabled = now_ns, beat.enable and held
@@ -252,8 +209,9 @@ class Authority:
 
     def _forget_beats(self) -> None:
         self.generation += 1
-        self._heartbeat = Heartbeat(self._timeout_s)
-        self._source = self._sequence = self._seen_ns = None
+        # the newest that counts, when it came, and how long the quickest one took
+        self._last = self._seen_ns = None
+        self._quickest_ns = 0
         self.enabled = False
         self._doubt = ''
 

@@ -132,10 +132,7 @@ class StimulationController(DeviceOwner):
             books.book_history(history)
         self.lateness = Lateness()
         self.on_fired: Callable[[Fired], object] = bool
-        self.commanded = 0
-        self.delivered = 0
-        self.unverified = 0
-        self.dropped = 0
+        self.commanded = self.delivered = self.unverified = self.dropped = 0
         self._reservations: Reservations | None = None
         self._trigger_ns = nanoseconds(device.trigger_s)
         # how long the last preparation took
@@ -190,13 +187,12 @@ class StimulationController(DeviceOwner):
         # gives back what is left of the run before
         self.reserve()
         run = Run(schedule, self._first_onset_ns(), plan.intensity.tolist())
-        settings = self.settings
-        reservations = Reservations(self.ledger, run, self.limits, settings.reserve_s)
+        reservations = Reservations(self.ledger, run, self.limits, self.settings.reserve_s)
         try:
             reservations.extend(run.start_ns)
             # the disk may have taken its time
             run.start_ns = max(run.start_ns, self._first_onset_ns())
-            self._order(lambda: self._begin(run, reservations), settings.stuck_limit_s)
+            self._order(lambda: self._begin(run, reservations), self.settings.stuck_limit_s)
         except StimulationError as error:
             run.end(str(error), 'limit')
             reservations.extend(run.start_ns)
@@ -212,13 +208,6 @@ class StimulationController(DeviceOwner):
         run.announced = True
         self.wake.set()
         return run
-
-    def due_ns(self) -> int | None:
-        """Return when the next pulse or the end of the run is due [ns], None without a run."""
-        run = self.run
-        if run is None or self.state is not State.RUNNING or self._halts:
-            return None
-        return run.due_ns
 
     def reserve(self) -> None:
         """Put the next pulses into the dose ledger; called steadily by a thread of its own."""
@@ -300,15 +289,14 @@ class StimulationController(DeviceOwner):
     def step(self) -> int:
         """Do what is due; return when there is more to do [ns].  Called by the owner alone."""
         due_ns = None
-        limit_s = self.settings.stuck_limit_s
-        with self._deadlines.of(f'{BUSY}a turn of the driver', limit_s):
+        with self._deadlines.of(f'{BUSY}a turn of the driver', self.settings.stuck_limit_s):
             try:
                 self._apply_halts()
                 self.orders.serve()
                 due_ns = self._advance()
                 self._keep_alive(due_ns)
                 if self.state in (State.DISARMED, *POSSIBLE):
-                    self._call('beat', limit_s, self._epoch, self.device.beat)
+                    self._call('beat', self._epoch, self.device.beat)
             except DeviceError:
                 # it was dealt with where it came up
                 pass
@@ -374,8 +362,7 @@ class StimulationController(DeviceOwner):
 
     def _told(self, since: object) -> DeviceStatus:
         """Read back what the device is set to."""
-        limit_s = self.settings.stuck_limit_s
-        status = self._call('read_back', limit_s, since, self.device.read_back)
+        status = self._call('read_back', since, self.device.read_back)
         self._answered_ns, self._read = self._clock(), True
         return status
 
@@ -428,7 +415,7 @@ class StimulationController(DeviceOwner):
     def _rest(self) -> None:
         """Set intensity zero while no pulse is due."""
         if self._set_intensity != 0.0:
-            self._call('rest', self.settings.stuck_limit_s, self._epoch, self.device.rest)
+            self._call('rest', self._epoch, self.device.rest)
             self._set_intensity = 0.0
 
     def _read_temperature(self, run: Run, spare_ns: int) -> None:
@@ -442,14 +429,7 @@ class StimulationController(DeviceOwner):
     def _prepare(self, run: Run, spare_ns: int) -> None:
         began, since, intensity = self._clock(), self._epoch, run.intensity
         spare_s = max(0, spare_ns) / NANOSECONDS_PER_SECOND
-        status = self._call(
-            'prepare',
-            self.settings.stuck_limit_s,
-            since,
-            self.device.prepare,
-            intensity,
-            spare_s,
-        )
+        status = self._call('prepare', since, self.device.prepare, intensity, spare_s)
         self._answered_ns, self._read = self._clock(), False
         if status is None or status.temperature is None:
             self._preparing_ns = self._answered_ns - began
@@ -474,15 +454,8 @@ class StimulationController(DeviceOwner):
             return
         began = self._clock()
         try:
-            delivery = self._call(
-                'fire',
-                self.settings.stuck_limit_s,
-                since,
-                self.device.fire,
-                pulse.intensity,
-                pulse.width_s,
-                latest_ns,
-            )
+            told = pulse.intensity, pulse.width_s, latest_ns
+            delivery = self._call('fire', since, self.device.fire, *told)
         except TooLate:
             self.commanded -= 1
             self._count_dropped(run, _LATE)
@@ -540,14 +513,11 @@ class StimulationController(DeviceOwner):
             # the pulse before was late: this one waits for its interval, if it then is not late
             earliest = max(books.earliest_ns(run.intensity) for books in both)
             self._hold_ns = earliest - self._trigger_ns
-        elif held_by is not None or not self._reservations_hold(run):
+        elif held_by or self._reservations is None or not self._reservations.holds(run.cursor):
             self._hold_ns, self._held_by = now + AGAIN_NS, held_by or 'ledger'
         else:
             return self.state is State.RUNNING and not self._halts
         return False
-
-    def _reservations_hold(self, run: Run) -> bool:
-        return self._reservations is not None and self._reservations.holds(run.cursor)
 
     def _booked(self, run: Run) -> Fired:
         """Put a pulse on all books right before its trigger, so that a fault counts."""
@@ -587,11 +557,11 @@ class StimulationController(DeviceOwner):
         self.count(name)
 
     def _finish(self, run: Run) -> None:
-        missing = run.count - run.delivered
         if run.completed:
             self.cancel('completed', 'completed')
         else:
-            self.cancel(f'ended with {counted(missing, "pulse")} missing', 'incomplete')
+            missing = counted(run.count - run.delivered, 'pulse')
+            self.cancel(f'ended with {missing} missing', 'incomplete')
 
     def _account(self, run: Run, fired: Fired, began_ns: int) -> None:
         """Compare what was delivered with what was commanded."""
@@ -669,16 +639,11 @@ class _MonitoredThread(threading.Thread):
     """
 
     def __init__(
-        self,
-        controller: StimulationController,
-        name: str,
-        wake: threading.Event,
-        step: Callable[[], float],
+        self, name: str, controller: StimulationController, step: Callable[[], float]
     ) -> None:
         super().__init__(name=name, daemon=True)
-        self._controller = controller
-        self._wake = wake
-        self.step = step
+        self._controller, self.step = controller, step
+        self.wake = threading.Event()
         self._closing = False
 
     def run(self) -> None:
@@ -686,8 +651,8 @@ class _MonitoredThread(threading.Thread):
         try:
             while not self._closing:
                 duration_s = self.step()
-                if duration_s > 0 and self._wake.wait(duration_s):
-                    self._wake.clear()
+                if duration_s > 0 and self.wake.wait(duration_s):
+                    self.wake.clear()
         finally:
             if not self._closing:
                 reason = f'{self.name}: expected to run on, got an exception'
@@ -696,7 +661,7 @@ class _MonitoredThread(threading.Thread):
     def close(self) -> None:
         """End it and wait for its end, but not for a device that hangs."""
         self._closing = True
-        self._wake.set()
+        self.wake.set()
         if self.is_alive() and threading.current_thread() is not self:
             self.join(_JOIN_S)
 
@@ -712,36 +677,30 @@ class ControllerThreads:
 
     def __init__(self, controller: StimulationController) -> None:
         self._controller = controller
-        self._threads: list[_MonitoredThread] = []
+        self._threads: dict[str, _MonitoredThread] = {}
 
     def start(self) -> None:
         """Start those that do not run."""
         controller = self._controller
         sys.setswitchinterval(min(sys.getswitchinterval(), _SWITCH_S))
-        self._threads = [thread for thread in self._threads if thread.is_alive()]
-        running = {thread.name for thread in self._threads}
         # the first look of the supervisor is a sign of life: not later than the first order
         controller.supervise()
-        for name, wake, step in (
-            ('owner_thread', controller.wake, self._fire),
-            ('supervisor_thread', threading.Event(), self._supervise),
-            ('ledger_thread', threading.Event(), self._reserve),
-        ):
-            if name in running:
+        steps = {'owner': self._fire, 'supervisor': self._supervise, 'ledger': self._reserve}
+        for name, step in steps.items():
+            if name in self._threads and self._threads[name].is_alive():
                 continue
-            thread = _MonitoredThread(controller, name, wake, step)
-            if step == self._fire:
-                controller.orders.owner = thread
+            thread = self._threads[name] = _MonitoredThread(f'{name}_thread', controller, step)
+            if name == 'owner':
+                controller.orders.owner, thread.wake = thread, controller.wake
             thread.start()
-            self._threads.append(thread)
 
     def close(self) -> None:
         """End all of them."""
-        for thread in self._threads:
+        for thread in self._threads.values():
             thread.close()
 
     def __iter__(self) -> Iterator[threading.Thread]:
-        return iter(self._threads)
+        return iter(self._threads.values())
 
     def _fire(self) -> float:
         due_ns = self._controller.step()

@@ -19,7 +19,7 @@ import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager
-from typing import Any, NamedTuple, ParamSpec, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from rpms_ros.errors import StimulationError
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, nanoseconds
@@ -231,8 +231,6 @@ _HELD_UP_NS = 5 * LOOK_NS
 # How much longer than its calls may take a turn of the owner is waited for.
 _SLACK_S = 0.3
 
-Arguments = ParamSpec('Arguments')
-
 
 class DeviceOwner(SafetyMonitor):
     """Opens, arms, keeps alive and closes a device.
@@ -260,15 +258,12 @@ class DeviceOwner(SafetyMonitor):
         clock: Callable[[], int],
     ) -> None:
         super().__init__(device, settings, clock)
-        self.limits = limits
-        self.coil = coil
+        self.limits, self.coil = limits, coil
         self.orders = Orders(self.wake)
         self._deadlines = Deadlines(clock, _HELD_UP_NS)
-        # when the device was armed, and when it was armed or fired last
-        self._armed_ns = 0
-        self._active_ns = 0
-        # when the device answered last, and how long it takes to be kept alive
-        self._answered_ns = 0
+        # when the device was armed, when it was armed or fired last, and when it answered last
+        self._armed_ns = self._active_ns = self._answered_ns = 0
+        # how long it takes to be kept alive
         self._keeping_ns = 30_000_000
         # when a temperature was measured last, None before the first, and how long that takes
         self._felt_ns: int | None = None
@@ -305,10 +300,9 @@ class DeviceOwner(SafetyMonitor):
         Until then it is not opened again.
         """
         self.disarm(reason)
+        limit_s = self.settings.stuck_limit_s + _SLACK_S
         try:
-            self.orders.ask(
-                lambda: self._close(reason), self.settings.stuck_limit_s + _SLACK_S, keep=True
-            )
+            self.orders.ask(lambda: self._close(reason), limit_s, keep=True)
         except NoAnswer:
             self._halt(Halt(Command.CLEANUP, f'{reason}; the device hangs', 'disarmed'))
 
@@ -319,10 +313,8 @@ class DeviceOwner(SafetyMonitor):
         self._apply_halts()
         missed = self._deadlines.missed(now)
         if missed is not None:
-            self.fail(
-                'stuck',
-                f'{missed.name}: expected an answer within {missed.limit_s:g} s, got none',
-            )
+            late = f'expected an answer within {missed.limit_s:g} s, got none'
+            self.fail('stuck', f'{missed.name}: {late}')
         # also while no pulse is possible: a coil that has cooled may be used again
         if self.coil is not None:
             self.temperature(self.coil.at(now))
@@ -354,13 +346,12 @@ class DeviceOwner(SafetyMonitor):
         after(self.state, Command.CONFIGURE)
         began, limit_s = self._clock(), self.settings.open_limit_s
         try:
-            self._call('open', limit_s, self._epoch, self.device.open)
+            self._call('open', self._epoch, self.device.open, limit_s=limit_s)
             self._answered_ns = self._clock()
             if self._answered_ns - began > nanoseconds(limit_s):
                 # who asked for it does not wait any more
-                raise DeviceError(
-                    f'open: expected an answer within {limit_s:g} s, got a later one'
-                )
+                late = f'expected an answer within {limit_s:g} s, got a later one'
+                raise DeviceError(f'open: {late}')
         except DeviceError as error:
             self._close(str(error))
             raise
@@ -373,7 +364,7 @@ class DeviceOwner(SafetyMonitor):
         self.interlocks.awake()
         self._refuse_if_open()
         since, limit_s = self._epoch, self.device.arm_s + self.settings.stuck_limit_s
-        status = self._call('arm', limit_s, since, self.device.arm)
+        status = self._call('arm', since, self.device.arm, limit_s=limit_s)
         self._heed(status, since, 0.0)
         self._armed_ns = self._active_ns = self._answered_ns = self._clock()
         self._set_intensity = 0.0
@@ -394,11 +385,10 @@ class DeviceOwner(SafetyMonitor):
     def _call(
         self,
         name: str,
-        limit_s: float,
         since: object,
-        do: Callable[Arguments, Result],
-        *arguments: Arguments.args,
-        **options: Arguments.kwargs,
+        do: Callable[..., Result],
+        *arguments: object,
+        limit_s: float | None = None,
     ) -> Result:
         """Call a device, or other code that may fail or hang, with a deadline.
 
@@ -406,20 +396,22 @@ class DeviceOwner(SafetyMonitor):
         ----------
         name : str
             What it is called for.
-        limit_s : float
-            How long it may take [s].
         since : object
             The epoch in which this was decided: a halt since then has to be heard by a device
             that has just been asked for something else.
+        do : callable
+            What is called, with ``arguments``.
+        limit_s : float, optional
+            How long it may take [s]; ``stuck_limit_s`` if it is missing.
 
         Raises
         ------
         DeviceError
             Whatever went wrong: a fault already, unless there was a halt.  `TooLate` is none.
         """
-        with self._deadlines.of(name, limit_s):
+        with self._deadlines.of(name, limit_s or self.settings.stuck_limit_s):
             try:
-                return do(*arguments, **options)
+                return do(*arguments)
             except TooLate:
                 raise
             except Exception as error:
@@ -450,8 +442,8 @@ class DeviceOwner(SafetyMonitor):
         self._keeping_ns = self._clock() - now
 
     def _ask_status(self, since: object) -> None:
-        began, limit_s = self._clock(), self.settings.stuck_limit_s
-        status = self._call('keep_alive', limit_s, since, self.device.keep_alive)
+        began = self._clock()
+        status = self._call('keep_alive', since, self.device.keep_alive)
         self._answered_ns = self._clock()
         if since is self._epoch and status.temperature is not None:
             self._reading_ns = max(_READING_NS, self._answered_ns - began)
@@ -462,16 +454,17 @@ class DeviceOwner(SafetyMonitor):
 
     def _feel(self, status: DeviceStatus) -> None:
         """Take over a temperature that was measured."""
-        if status.temperature is not None:
-            self._felt_ns = self._clock()
-            if self.coil is not None:
-                wrong = self.coil.doubt(self._felt_ns, status.temperature)
-                if wrong is not None:
-                    # the model goes on without it
-                    self.fail('temperature', f'temperature: {wrong}')
-                    raise DeviceError(wrong)
-                self.coil.measured(self._felt_ns, status.temperature)
-            self.temperature(status.temperature)
+        if status.temperature is None:
+            return
+        self._felt_ns = self._clock()
+        if self.coil is not None:
+            wrong = self.coil.doubt(self._felt_ns, status.temperature)
+            if wrong is not None:
+                # the model goes on without it
+                self.fail('temperature', f'temperature: {wrong}')
+                raise DeviceError(wrong)
+            self.coil.measured(self._felt_ns, status.temperature)
+        self.temperature(status.temperature)
 
     def _heed(
         self, status: DeviceStatus | None, since: object, expected: float | None = None

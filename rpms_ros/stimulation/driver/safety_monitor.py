@@ -15,7 +15,7 @@ while a pulse is possible is latched: closing it again is not enough, somebody h
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import NamedTuple
 
 from rpms_ros.errors import StimulationError
@@ -49,15 +49,11 @@ class Interlocks:
 
     Parameters
     ----------
-    timeouts_s : mapping of str to float
-        Longest age of each sign of life [s].
     slept : callable
         For how long the machine has slept since its start [ns].
     """
 
-    def __init__(
-        self, timeouts_s: Mapping[str, float], slept: Callable[[], int] = slept_ns
-    ) -> None:
+    def __init__(self, slept: Callable[[], int] = slept_ns) -> None:
         self._slept = slept
         self.awake()
         self._timeouts_ns: dict[str, int] = {}
@@ -66,8 +62,6 @@ class Interlocks:
         self._seen_ns: dict[str, int] = {}
         self._conditions: dict[str, str] = {}
         self._latched: dict[str, str] = {}
-        for name, timeout_s in timeouts_s.items():
-            self.require(name, timeout_s)
 
     def require(self, name: str, timeout_s: float, hold_s: float | None = None) -> None:
         """Ask for a sign of life.
@@ -297,8 +291,9 @@ class SafetyMonitor:
     ) -> None:
         self.device = device
         self.settings = settings
-        watched = {FORCE: settings.force_timeout_s} if settings.force_limit_n > 0 else {}
-        self.interlocks = Interlocks(watched)
+        self.interlocks = Interlocks()
+        if settings.force_limit_n > 0:
+            self.interlocks.require(FORCE, settings.force_timeout_s)
         limit_s = settings.supervisor_timeout_s
         self.interlocks.require(SUPERVISOR, limit_s, hold_s=limit_s)
         # a cancel and a lowered bound wait for the executor: pulses do so too

@@ -12,7 +12,7 @@ segments:
 Descriptions in YAML: every fault is a StimulationError with file, line and place.
 """
 
-import re
+import json
 from collections.abc import Callable, Mapping
 from dataclasses import fields
 from pathlib import Path
@@ -114,10 +114,6 @@ SEGMENT_KINDS: dict[str, type[Segment]] = {
     )
 }  # fmt: skip
 
-# no digit, so no number or date in any YAML
-_PLAIN = re.compile(r'[A-Za-z]+([_-][A-Za-z]+)*')
-_WORDS = frozenset({'true', 'false', 'yes', 'no', 'on', 'off', 'y', 'n', 'null'})
-
 
 def schedule_from_mapping(content: object) -> Schedule:
     """Return the schedule that a mapping describes.
@@ -168,25 +164,10 @@ def schedule_to_mapping(schedule: Schedule) -> dict[str, Any]:
 
 def schedule_to_text(schedule: Schedule) -> str:
     """Return the YAML document that describes ``schedule``."""
-    return yaml.dump(schedule_to_mapping(schedule), Dumper=_Dumper, sort_keys=False)
-
-
-class _Dumper(yaml.SafeDumper):
-    """Puts every text in quotes that a YAML reader could take for something else."""
-
-    def ignore_aliases(self, data: object) -> bool:
-        """Write everything out: no reader here accepts an alias."""
-        del data
-        return True
-
-    def text(self, data: str) -> yaml.Node:
-        """Return a text in quotes unless it is a plain name."""
-        plain = _PLAIN.fullmatch(data) and data.lower() not in _WORDS
-        style = None if plain else '"'
-        return self.represent_scalar('tag:yaml.org,2002:str', data, style)
-
-
-_Dumper.add_representer(str, _Dumper.text)
+    mapping = schedule_to_mapping(schedule)
+    # in quotes: a reader of YAML could take it for something else
+    name = json.dumps(mapping.pop('name'), ensure_ascii=False)
+    return f'name: {name}\n{yaml.safe_dump(mapping, sort_keys=False)}'
 
 
 def _segments(content: object, place: str, depth: int) -> tuple[Segment | Repeat, ...]:
