@@ -176,7 +176,7 @@ def main(argv: list[str] | None = None) -> int:
             listener.wait()
         launcher.stop()
         counts = launcher.recorder.counts
-        lost = counts['force'].missing(FORCE_RATE)
+        lost = launcher.recorder.lost.get('force', 0)
         samples = counts['force']
     print(f'live page, {FORCE_RATE:.0f} Hz, {span:g} s each')
     for name, load in (

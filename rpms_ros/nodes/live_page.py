@@ -97,10 +97,8 @@ class LiveListener:
     def __init__(
         self, node: Node, session: LiveSession, axis: Axis, quantity: str = FORCE
     ) -> None:
-        self._page = node
-        self._session = session
-        self._axis = axis
-        self._quantity = quantity
+        self._page, self._session = node, session
+        self._axis, self._quantity = axis, quantity
         self._node = second_node(node, SUFFIX)
         with complete_or_gone(self._node):
             self._subscriptions = {key: self._subscription(key) for key in TYPES}
@@ -166,15 +164,9 @@ class LiveListener:
         self._session.driver(_message(data, DriverStatus))
 
     def _endpoints(self, topic: str) -> list[Endpoint]:
-        own = self._node.get_name()
-        found = [
-            (publishes, one)
-            for publishes, ask in (
-                (True, self._node.get_publishers_info_by_topic),
-                (False, self._node.get_subscriptions_info_by_topic),
-            )
-            for one in ask(topic)
-        ]
+        publishers = self._node.get_publishers_info_by_topic(topic)
+        subscribers = self._node.get_subscriptions_info_by_topic(topic)
+        others = [one for one in subscribers if one.node_name != self._node.get_name()]
         return [
             Endpoint(
                 f'{one.node_namespace.rstrip("/")}/{one.node_name}',
@@ -183,8 +175,8 @@ class LiveListener:
                 one.qos_profile.reliability is ReliabilityPolicy.RELIABLE,
                 one.qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL,
             )
-            for publishes, one in found
-            if publishes or one.node_name != own
+            for publishes, found in ((True, publishers), (False, others))
+            for one in found
         ]
 
 
@@ -246,16 +238,10 @@ class LiveStop:
     def __init__(
         self, node: Node, stopped: Callable[[], bool], tell: Callable[[bool, str], None]
     ) -> None:
-        self._node = node
-        self._stopped = stopped
-        self._tell = tell
+        self._node, self._stopped, self._tell = node, stopped, tell
         self._lock = threading.Lock()
-        self._wanted = False
-        self._confirmed = False
-        self._pressed_at = 0.0
-        self._held_until = 0.0
-        self._next_call = 0.0
-        self._leaves_at = 0.0
+        self._wanted = self._confirmed = False
+        self._pressed_at = self._held_until = self._next_call = self._leaves_at = 0.0
         self._told = ''
         self._button: ButtonPublisher | None = None
         self._client = node.create_client(Trigger, topics.EMERGENCY_STOP)
@@ -293,17 +279,15 @@ class LiveStop:
             logger_of(self._node).warning('stop pressed on the page')
         self._button.set(True)
         self._held_until = min(self._held_until, now + _LEAST_S)
-        stopped = self._confirmed = self._stopped()
-        if not stopped and now >= self._next_call:
+        self._confirmed = self._stopped()
+        if not self._confirmed and now >= self._next_call:
             self._call()
-        if stopped:
-            self._say(
-                True, 'stopped: the driver confirms it; let go here, then reset at the driver'
-            )
+        said = 'stop pressed, waiting for the driver'
+        if self._confirmed:
+            said = 'stopped: the driver confirms it; let go here, then reset at the driver'
         elif now > self._pressed_at + _CONFIRMATION_S:
-            self._say(True, UNCONFIRMED)
-        else:
-            self._say(True, 'stop pressed, waiting for the driver')
+            said = UNCONFIRMED
+        self._say(True, said)
         self._leaves_at = now + _FAREWELL_S
 
     def _leave(self, now: float) -> None:
@@ -311,16 +295,15 @@ class LiveStop:
             return
         self._button.set(False)
         self._confirmed = self._confirmed or self._stopped()
-        if self._confirmed:
-            self._say(False, 'released: the driver stays stopped until it is reset')
-        else:
-            self._say(False, f'released; the stop was {UNCONFIRMED}')
+        said = 'released: the driver stays stopped until it is reset'
+        if not self._confirmed:
+            said = f'released; the stop was {UNCONFIRMED}'
         if now >= self._leaves_at:
             self._button.destroy()
             self._button = None
-            if self._confirmed:
-                self._say(False, '')
+            said = '' if self._confirmed else said
             logger_of(self._node).info('stop of the page released')
+        self._say(False, said)
 
     def _say(self, pressed: bool, text: str) -> None:
         if text != self._told:
@@ -339,18 +322,12 @@ class LivePageParameters(NodeParameters):
         '127.0.0.1', 'Address of this machine to listen on; 0.0.0.0 lets the network look.'
     )
     port: int = parameter(PORT, 'Port to listen on; 0 takes a free one.', minimum=0, maximum=65535)
-    names: tuple[str, ...] = parameter(
-        ('localhost',), 'Names, beside addresses, under which the page may be asked for.'
-    )
+    names: tuple[str, ...] = parameter(('localhost',), 'Names that the page may be asked for by.')
     token_file: str = parameter(
-        '',
-        'File, readable by its owner only, with the token that presses the stop; '
-        'empty for a page that only shows.',
+        '', "File, its owner's alone, with the token of the stop; empty for a page without one."
     )
     axis: str = parameter(
-        'z',
-        'Axis of the wrench along which the muscle pulls: x, y, z, -x, -y, -z or 0.6,0,0.8.',
-        true_is='y',
+        'z', 'Axis along which the muscle pulls: x, y, z, -x, -y, -z or 0.6,0,0.8.', true_is='y'
     )
     quantity: str = parameter(
         FORCE, 'What the sensor measures: a force, or a torque.', choices=tuple(UNITS)
@@ -398,13 +375,16 @@ class LivePage(Node):
             self.get_fully_qualified_name(),
             _first_curve_s(),
         )
-        self.stop = LiveStop(self, self._is_stopped, self._tell) if token else None
+        self.stop: LiveStop | None = None
+        if token:
+            self.stop = LiveStop(
+                self, lambda: self.session.confirms_stop(time.monotonic()), self._tell
+            )
         self._health: Health | None = None
         self.listener = LiveListener(self, self.session, axis, settings.quantity)
         self._parts.callback(self.listener.close)
-        self.server = LiveServer(
-            self.session, self.listener.listen, access, self.stop, settings.address, settings.port
-        )
+        place = settings.address, settings.port
+        self.server = LiveServer(self.session, self.listener.listen, access, self.stop, *place)
         self._parts.callback(self.server.close)
         warm_up()
         self._diagnostics = DiagnosticsPublisher(self, 'live page', self.server.url)
@@ -412,10 +392,8 @@ class LivePage(Node):
         self._look()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(PERIOD_S, self._look, clock=steady)
-        logger_of(self).info(
-            f'{self.server.url} shows {self.get_namespace()}; '
-            + ('its stop needs the token' if token else 'it only shows')
-        )
+        does = 'its stop needs the token' if token else 'it only shows'
+        logger_of(self).info(f'{self.server.url} shows {self.get_namespace()}; {does}')
 
     def destroy_node(self) -> None:
         """End the server, then the node."""
@@ -437,9 +415,6 @@ class LivePage(Node):
         self.server.call(take_over)
         if self._health is not None:
             self._diagnostics.publish(self._health)
-
-    def _is_stopped(self) -> bool:
-        return self.session.confirms_stop(time.monotonic())
 
     def _tell(self, pressed: bool, text: str) -> None:
         self.server.call(lambda: self.session.stop(pressed, text))

@@ -53,17 +53,10 @@ class ConsoleParameters(NodeParameters):
     schedule_file: str = parameter('', 'YAML file of the schedule that is run; empty arms only.')
     driver: str = parameter('stimulator_driver', 'Name of the driver node.')
     key_repeat: float = parameter(
-        0.2,
-        'Longest time between two repetitions of a held key: so long after its release it counts.',
-        unit='s',
-        minimum=0.05,
-        maximum=2.0,
+        0.2, 'A key counts so long after a repetition.', unit='s', minimum=0.05, maximum=2.0
     )
     joy_enable: int = parameter(
-        -1,
-        'Button of the joystick that is the enable, from 0; -1 for none.',
-        minimum=-1,
-        maximum=63,
+        -1, 'Button of a joystick that is the enable; -1 for none.', minimum=-1, maximum=63
     )
 
     def __post_init__(self) -> None:
@@ -115,15 +108,12 @@ class OperatorConsole(Node):
         self._pending: Future | None = None
         self._started = False
         self._shown = ''
-        self.create_subscription(
-            DriverStatus, topics.DRIVER_STATUS, self._on_status, qos.STATUS_LATEST
-        )
+        hear = self.create_subscription
+        hear(DriverStatus, topics.DRIVER_STATUS, self._on_status, qos.STATUS_LATEST)
         self.create_timer(_LOOK_S, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
         tell_health(self, 'operator', 'terminal', self._health)
-        logger_of(self).info(
-            f'{ASK} asks for a token, hold {ENABLE} to arm and run, {RELEASE} resets, '
-            'any other key stops'
-        )
+        keys = f'{ASK} asks for a token, hold {ENABLE} to arm and run, {RELEASE} resets'
+        logger_of(self).info(f'{keys}, any other key stops')
 
     def destroy_node(self) -> None:
         """Restore the settings of the terminal."""
@@ -207,9 +197,8 @@ class OperatorConsole(Node):
         found = button_health(self.button.pressed, lost, self.button.listeners)
         silent = self._joystick.used and self._joystick.down(time.monotonic_ns()) is None
         if silent and not lost:
-            found = replace(
-                found, message='joystick lost: not enabled', level=DiagnosticStatus.ERROR
-            )
+            said = 'joystick lost: not enabled'
+            found = replace(found, message=said, level=DiagnosticStatus.ERROR)
         figures = {
             'operator': self.settings.operator,
             'enable held': self.client.enable,

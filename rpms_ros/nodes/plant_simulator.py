@@ -39,25 +39,6 @@ from rpms_ros.nodes.common.runner import complete_or_gone, run
 from rpms_ros.nodes.common.topics import MESSAGE_TYPES
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, Pulse, nanoseconds
 
-# Largest difference of two steps that is no jump.
-_LARGEST_STEP_NS = NANOSECONDS_PER_SECOND
-
-
-class JumpDetector:
-    """Compares the steps of a clock with those of the steady clock."""
-
-    def __init__(self) -> None:
-        self._last: tuple[int, int] | None = None
-
-    def at(self, now_ns: int, steady_ns: int | None = None) -> bool:
-        """Return whether the clock, which shows `now_ns`, has jumped since the last call."""
-        steady_ns = time.monotonic_ns() if steady_ns is None else steady_ns
-        last, self._last = self._last, (now_ns, steady_ns)
-        if last is None:
-            return False
-        return abs((now_ns - last[0]) - (steady_ns - last[1])) > _LARGEST_STEP_NS
-
-
 RANDOM = 'random'
 _LARGEST_FORCE = 1e6
 # Noise of an ordinary sensor, as a share of the maximum force.
@@ -75,17 +56,9 @@ class PlantParameters(NodeParameters):
     seed: int = parameter(
         1, 'Seed of the noise, and of a random subject.', minimum=0, maximum=LARGEST_SEED
     )
-    maximum_force: float = parameter(
-        -1.0,
-        'Steady mean force at full intensity and 20 Hz; negative keeps the preset.',
-        unit='N',
-        minimum=-1.0,
-        maximum=_LARGEST_FORCE,
-    )
     noise: float = parameter(
         -1.0,
-        'Standard deviation of the noise; negative: that of the scenario, or half a percent of '
-        'the maximum force.',
+        'Deviation of the noise; negative: that of the scenario, or 0.5 % of the maximum force.',
         unit='N',
         minimum=-1.0,
         maximum=_LARGEST_FORCE,
@@ -94,21 +67,13 @@ class PlantParameters(NodeParameters):
         'z', 'Axis of the wrench.', choices=('x', 'y', 'z', '-x', '-y', '-z'), true_is='y'
     )
     quantity: str = parameter(
-        FORCE,
-        'What the sensor measures; with torque every N here is N m.',
-        choices=tuple(UNITS),
+        FORCE, 'What is measured; with torque every N here is N m.', choices=tuple(UNITS)
     )
     publication_delay: float = parameter(
-        0.01,
-        'Samples are published this much after their stamp, so that pulses arrive before them.',
-        unit='s',
-        minimum=0.0,
-        maximum=1.0,
+        0.01, 'From stamp to publication: pulses come first.', unit='s', minimum=0.0, maximum=1.0
     )
     scenario: str = parameter(
-        '',
-        'Name or YAML file of a scenario; empty for a muscle that does not change. '
-        'Noise given as a parameter replaces that of the scenario.',
+        '', 'Name or YAML file of a scenario, but for its noise if that is given; empty for none.'
     )
     minimum_subscribers: int = parameter(
         0, 'Subscribers of the force to wait for before the first sample.', minimum=0, maximum=100
@@ -123,14 +88,10 @@ class PlantParameters(NodeParameters):
 
 
 def subject_of(settings: PlantParameters) -> Subject:
-    """Return the preset, with the maximum force of the parameters."""
+    """Return the preset."""
     if settings.subject == RANDOM:
-        preset = random_subject(np.random.default_rng(settings.seed))
-    else:
-        preset = subject_by_name(settings.subject)
-    if settings.maximum_force < 0.0:
-        return preset
-    return dataclasses.replace(preset, maximum_force=settings.maximum_force)
+        return random_subject(np.random.default_rng(settings.seed))
+    return subject_by_name(settings.subject)
 
 
 def scenario_of(settings: PlantParameters) -> Scenario:
@@ -190,15 +151,14 @@ class PlantSimulator(Node):
         )
         self.create_subscription(PulseMessage, topics.PULSES, self._on_pulse, qos.PULSES)
         self._delay_ns = nanoseconds(self.settings.publication_delay)
-        self._jump = JumpDetector()
         period = 1.0 / min(self.settings.rate, _FASTEST_TICK)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(period, self._tick, clock=steady)
         self.create_timer(PERIOD_S, self._report, clock=steady)
         settings = self.settings
+        measured = f'{settings.quantity} [{UNITS[settings.quantity]}] along {settings.axis}'
         logger_of(self).info(
-            f'simulating subject {settings.subject}: {settings.quantity} '
-            f'[{UNITS[settings.quantity]}] along {settings.axis} at {settings.rate:g} Hz'
+            f'simulating subject {settings.subject}: {measured} at {settings.rate:g} Hz'
         )
 
     def _on_pulse(self, message: PulseMessage) -> None:
@@ -212,23 +172,12 @@ class PlantSimulator(Node):
 
     def _tick(self) -> None:
         now_ns = int(self.get_clock().now().nanoseconds)
-        self._begin_if_needed(now_ns)
+        wanted = self.settings.minimum_subscribers
+        if not self._begun and self._force.get_subscription_count() >= wanted:
+            self.plant.begin(now_ns)
+            self._begun = True
         if self._begun:
             self._publish_due(now_ns - self._delay_ns)
-
-    def _begin_if_needed(self, now_ns: int) -> None:
-        """Start sampling when there are subscribers, and again after a jump of the clock."""
-        if not self._begun:
-            if self._force.get_subscription_count() >= self.settings.minimum_subscribers:
-                self.plant.begin(now_ns)
-                self._begun = True
-            return
-        if self._jump.at(now_ns):
-            logger_of(self).warning('the clock has jumped: the plant starts anew')
-            faults, self.plant = self.plant.faults, build_plant(self.settings)
-            self._next_truth_ns = 0
-            self.plant.faults = faults
-            self.plant.begin(now_ns)
 
     def _publish_due(self, until_ns: int) -> None:
         trace = self.plant.sample(min(self.plant.due(until_ns), _LARGEST_BURST))

@@ -120,7 +120,6 @@ _TOPICS: dict[str, tuple[Any, QoSProfile]] = {
 }
 # Period with which the subscriptions are emptied [s].
 _LISTENING_PERIOD = 0.01
-_MOST_NAMES = 100
 FLUSH_PERIOD_S = 0.5
 """Time between two writes to the file."""
 
@@ -219,23 +218,13 @@ class Recorder(Node):
         return {topic.name: topic.lost for topic in self._topics.values() if topic.lost}
 
     def _opened(self) -> RecordingWriter:
-        """Return the writer; if the name is taken by another recorder, a number is added."""
         settings = self.settings
         key = read_key(Path(settings.key_file).expanduser()) if settings.key_file else None
-        options: dict[str, Any] = {'storage': settings.storage, 'key': key}
-        if settings.path:
-            return RecordingWriter(Path(settings.path).expanduser(), **options)
-        now = datetime.now().astimezone().strftime('rpms_%Y%m%d_%H%M%S')
-        base = '_'.join(filter(None, [now, *self.get_namespace().split('/')]))
-        for number in range(1, _MOST_NAMES):
-            name = base if number == 1 else f'{base}_{number}'
-            try:
-                return RecordingWriter(name, **options)
-            except RecordingError:
-                # Another recorder may have made the folder meanwhile.
-                if not Path(name).exists():
-                    raise
-        raise RecordingError(f'expected a name for the recording, got {base} taken')
+        # to the microsecond: of two recorders each has a name of its own
+        now = datetime.now().astimezone().strftime('rpms_%Y%m%d_%H%M%S_%f')
+        name = '_'.join(filter(None, [now, *self.get_namespace().split('/')]))
+        path = Path(settings.path or name).expanduser()
+        return RecordingWriter(path, storage=settings.storage, key=key)
 
     def _take(self) -> None:
         """Write the new messages in the order of their arrival."""

@@ -15,7 +15,6 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import rclpy
@@ -83,19 +82,14 @@ class SimulationSettings:
         """Return the parameters of a node with those that make the nodes wait for each other."""
         # Subscribers of the force are identifier and recorder, of the pulses the plant too; a live
         # page subscribes to both.
-        page = len(self.names) - 3
+        page = self.live_page is not None
+        alone = {'autostart': True, 'require_operator': False, 'require_stop_button': False}
+        heard = {'minimum_subscribers': 3 + page, 'schedule_file': str(folder / SCHEDULE)}
         return {
             LIVE_PAGE: self.live_page or {},
             PLANT: {'minimum_subscribers': 2 + page, **self.plant},
             IDENTIFIER: self.identifier,
-            DRIVER: {
-                'autostart': True,
-                'schedule_file': str(folder / SCHEDULE),
-                'minimum_subscribers': 3 + page,
-                'require_operator': False,
-                'require_stop_button': False,
-                **self.driver,
-            },
+            DRIVER: {**alone, **heard, **self.driver},
         }[name]
 
 
@@ -115,9 +109,8 @@ class Monitor(Node):
     @property
     def done(self) -> bool:
         """Whether the driver has finished its schedule."""
-        return (
-            self.has_run and self.status is not None and self.status.state != DriverStatus.RUNNING
-        )
+        status = self.status
+        return self.has_run and status is not None and status.state != DriverStatus.RUNNING
 
     @property
     def broken_off(self) -> str:
@@ -153,8 +146,7 @@ class SimulationLauncher:
     """
 
     def __init__(self, folder: Path, settings: SimulationSettings) -> None:
-        self.folder = folder
-        self._settings = settings
+        self.folder, self._settings = folder, settings
         self._cleanup = contextlib.ExitStack()
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
         self._next_look = 0.0
@@ -169,7 +161,7 @@ class SimulationLauncher:
             self._stop_request = StopRequest()
             stack.callback(self._stop_request.restore)
             domain = stack.enter_context(free_domain())
-            stack.callback(self._stop_all)
+            stack.callback(lambda: self._end(*self._processes))
             for name in self._settings.names:
                 self._start(name, domain)
             stack.enter_context(self._listening(domain))
@@ -178,13 +170,8 @@ class SimulationLauncher:
             self._cleanup = stack.pop_all()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        value: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self._cleanup.__exit__(kind, value, traceback)
+    def __exit__(self, *exception: object) -> None:
+        self._cleanup.close()
 
     def _start(self, name: str, domain: int) -> None:
         """Start a node as a process in its own session, which does not receive Ctrl-C."""
@@ -215,12 +202,8 @@ class SimulationLauncher:
         os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
         use_fast_discovery()
         context = Context()
-        rclpy.init(
-            args=[],
-            context=context,
-            domain_id=domain,
-            signal_handler_options=SignalHandlerOptions.NO,
-        )
+        without = SignalHandlerOptions.NO
+        rclpy.init(args=[], context=context, domain_id=domain, signal_handler_options=without)
         options: dict[str, Any] = {'context': context, 'use_global_arguments': False}
         # the command prints where the recording is
         set_logger_level('recorder', LoggingSeverity.WARN)
@@ -268,10 +251,8 @@ class SimulationLauncher:
         for name, process in self._processes.items():
             if process.poll() is not None:
                 said = (self.folder / f'{name}.txt').read_text().strip().splitlines()
-                last = said[-1] if said else 'nothing'
-                raise NodeError(
-                    f'expected {name} to run, got exit code {process.returncode}: {last}'
-                )
+                ended = f'exit code {process.returncode}: {said[-1] if said else "nothing"}'
+                raise NodeError(f'expected {name} to run, got {ended}')
 
     def stop(self) -> None:
         """End driver and plant, wait for the last estimates, then close the recording."""
@@ -285,9 +266,6 @@ class SimulationLauncher:
         self._end(IDENTIFIER)
         self.recorder.close()
         self._stop_request.raise_if_made()
-
-    def _stop_all(self) -> None:
-        self._end(*self._processes)
 
     def _end(self, *names: str) -> None:
         """End processes: by a signal that they handle, then by SIGKILL."""

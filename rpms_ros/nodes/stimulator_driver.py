@@ -14,6 +14,7 @@ import math
 import os
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -188,11 +189,11 @@ class StimulatorDriver(GuardedLifecycleNode):
         )
         device = settings.hardware
         self._active = False
-        self._autostart = settings.autostart
-        self._schedule: Schedule | None = None
-        if self._autostart:
-            self._schedule = load_schedule(Path(settings.schedule_file).expanduser())
-        self._audit = DriverAudit(settings.audit_log, self._on_audit_failed)
+        # started once there are enough subscribers, without an operator
+        self._autostart: Schedule | None = None
+        if settings.autostart:
+            self._autostart = load_schedule(Path(settings.schedule_file).expanduser())
+        self._audit = DriverAudit(settings.audit_log, partial(self.controller.open, AUDIT))
         self._parts.callback(self._audit.close)
         self._parts.callback(self._audit.note, 'end')
         self._threads = ControllerThreads(self.controller)
@@ -201,35 +202,17 @@ class StimulatorDriver(GuardedLifecycleNode):
         self._audit.require('session', driver=name, device=device, process=os.getpid())
         self._pulses = PulsePublisher(self)
         self.controller.on_fired = self._pulses.publish
-        self._reports = DriverReports(
-            self,
-            self._audit,
-            self.controller,
-            self.buttons,
-            self.authority,
-            self._ledger,
-            device,
-        )
+        who = self.controller, self.buttons, self.authority
+        self._reports = DriverReports(self, self._audit, *who, self._ledger, device)
         refuse = self._reports.refuse
         self.create_service(RequestArming, topics.REQUEST_ARMING, self._on_request)
         self.create_service(ConfirmArming, topics.CONFIRM_ARMING, self._on_confirm)
+        asked = settings.require_operator
         self._action = ScheduleAction(
-            self,
-            self.controller,
-            self.authority,
-            settings.require_operator,
-            self._reports.announce,
-            refuse,
+            self, self.controller, self.authority, asked, self._reports.announce, refuse
         )
         self._parts.callback(self._action.destroy)
-        self._watch = DriverWatch(
-            self,
-            self.controller,
-            self.buttons,
-            self.authority,
-            patience_s(settings, WATCH_TIMEOUT_S),
-            refuse,
-        )
+        self._watch = DriverWatch(self, *who, patience_s(settings, WATCH_TIMEOUT_S), refuse)
         self._parts.callback(self._watch.close)
         self._sensor = SensorLife(settings.force_frame, settings.force_timeout)
         if settings.force_limit > 0:
@@ -239,8 +222,9 @@ class StimulatorDriver(GuardedLifecycleNode):
         self.create_service(Trigger, topics.RESET_EMERGENCY_STOP, self._on_reset)
         follow_parameters(self, settings, self._on_bound, self._allow_bound)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(_SIGN_S, self._show_life, clock=steady)
+        self.create_timer(_SIGN_S, lambda: self.controller.seen(EXECUTOR), clock=steady)
         self.create_timer(_TICK_S, self._guarded_tick, clock=steady)
+        # a bound method, which rclpy holds weakly
         self.context.on_shutdown(self._on_context_shutdown)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -311,10 +295,8 @@ class StimulatorDriver(GuardedLifecycleNode):
     def _make_ready(self) -> None:
         """Arm, if the operator is allowed to."""
         if self.settings.require_operator and not self.authority.confirmed:
-            raise Refused(
-                AUTHORITY,
-                'expected an operator to request and to confirm the arming, got neither',
-            )
+            expected = 'expected an operator to request and to confirm the arming, got neither'
+            raise Refused(AUTHORITY, expected)
         self._session.require_unchanged()
         self._watch.look()
         self.controller.seen(EXECUTOR)
@@ -391,7 +373,8 @@ class StimulatorDriver(GuardedLifecycleNode):
             try:
                 self._arm()
             except StimulationError:
-                self.authority.take_back()
+                # the token can be confirmed again in its time
+                self.authority.confirmed = False
                 raise
             return 'armed'
 
@@ -421,9 +404,6 @@ class StimulatorDriver(GuardedLifecycleNode):
         if not size <= self.settings.force_limit:
             self.controller.force(size)
 
-    def _on_audit_failed(self, reason: str) -> None:
-        self.controller.open(AUDIT, reason)
-
     def _on_context_shutdown(self) -> None:
         self.controller.disarm('context shut down')
 
@@ -446,9 +426,6 @@ class StimulatorDriver(GuardedLifecycleNode):
         self._reports.say(f'intensities up to {changed.maximum_intensity:g}')
         self._audit.note('limit', maximum_intensity=changed.maximum_intensity)
 
-    def _show_life(self) -> None:
-        self.controller.seen(EXECUTOR)
-
     def _guarded_tick(self) -> None:
         try:
             self._tick()
@@ -463,22 +440,18 @@ class StimulatorDriver(GuardedLifecycleNode):
         if self._active and self.controller.state not in POSSIBLE:
             # the controller has disarmed: deactivate the life cycle too
             self.change(Transition.TRANSITION_DEACTIVATE)
-        if self._autostart:
-            self._start_if_heard()
+        if self._autostart and self._pulses.listeners >= self.settings.minimum_subscribers:
+            schedule, self._autostart = self._autostart, None
+            self._start(schedule)
         self._reports.publish(stamp, now_ns)
 
-    def _start_if_heard(self) -> None:
-        """Start without an operator, once there are enough subscribers."""
-        if self._pulses.listeners < self.settings.minimum_subscribers:
-            return
-        self._autostart = False
+    def _start(self, schedule: Schedule) -> None:
         try:
             if self.controller.state is State.UNCONFIGURED:
                 self.change(Transition.TRANSITION_CONFIGURE)
             if self.controller.state is State.DISARMED:
                 self.change(Transition.TRANSITION_ACTIVATE)
-            schedule = self._schedule
-            if self.controller.state is State.ARMED and schedule is not None:
+            if self.controller.state is State.ARMED:
                 self.controller.start(schedule, lambda: self._reports.announce(schedule, ''))
         except RpmsError as error:
             self._reports.refuse(str(error))

@@ -134,19 +134,6 @@ def test_no_sample_comes_before_enough_listen(graph) -> None:
     assert stamps[0] > begun + 100_000_000
 
 
-@pytest.mark.parametrize(
-    ('values', 'message'),
-    [
-        ({'maximum_force': 0.0}, r'maximum force above 0 N, got 0\.0'),
-    ],
-)
-def test_parameters_that_do_not_go_together_are_refused(
-    values: dict[str, float], message: str
-) -> None:
-    with pytest.raises(NodeError, match=message):
-        PlantParameters(**values)
-
-
 def test_the_truth_of_a_scenario_is_published(graph, tmp_path) -> None:
     path = tmp_path / 'scenario.yaml'
     path.write_text('changes: [{at: 0.5, gain: 0.5, threshold: 0.6}]\n')
@@ -174,7 +161,6 @@ def test_a_simulated_sensor_has_the_noise_of_an_ordinary_one_at_rest_too(graph) 
     # 0.5 % of 10 N, five standard errors
     assert np.std(laboratory.forces) == pytest.approx(0.05, rel=0.2)
     assert scenario_of(PlantParameters(noise=0.0)).disturbances.noise == 0.0
-    assert scenario_of(PlantParameters(maximum_force=40.0)).disturbances.noise == 0.2
 
 
 def test_parameters_replace_the_disturbances_of_a_scenario() -> None:

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import rclpy
@@ -16,7 +17,7 @@ from rclpy.node import Node
 
 from rpms_ros.errors import NodeError
 from rpms_ros.nodes import executables
-from rpms_ros.nodes.common.parameters import is_for, nodes_of
+from rpms_ros.nodes.common.parameters import without_effect
 
 # of a process that imports and ends on a machine under load [s]
 PATIENCE = 120.0
@@ -111,68 +112,20 @@ def test_parameters_come_from_a_yaml_file(domain: int, tmp_path: Path) -> None:
     assert 'parameter rat is unknown here and ignored' in errors
 
 
-def test_a_file_that_has_nothing_for_the_node_is_named(domain: int, tmp_path: Path) -> None:
-    file, general = tmp_path / 'example.yaml', tmp_path / 'general.yaml'
+def test_a_file_that_has_nothing_for_the_node_is_named(domain, tmp_path):
+    file, pipe = tmp_path / 'example.yaml', tmp_path / 'pipe'
     file.write_text('/**/example:\n  ros__parameters: {rate: 2.5}\n')
-    general.write_text('/**:\n  ros__parameters: {rate: 5.0}\n')
-    renamed = (
-        '--ros-args',
-        '-r',
-        '__node:=other',
-        '-r',
-        '__ns:=/left',
-        '--params-file',
-        str(file),
-    )
-    said = f'{file} has parameters for /**/example and nothing for /left/other'
-    for arguments, rate, level in (
-        (renamed, 20.0, 'WARN'),
-        ((*renamed, '--params-file', str(general)), 5.0, 'INFO'),
-    ):
-        with start(domain, *arguments) as process:
-            assert process.stdout is not None
-            assert process.stdout.readline() == f'running at {rate}\n'
-            process.terminate()
-            _, errors = process.communicate(timeout=PATIENCE)
-        (line,) = [line for line in errors.splitlines() if said in line]
-        assert level in line
-
-
-def test_a_file_that_cannot_be_read_twice_is_not_waited_for(tmp_path: Path) -> None:
-    pipe = tmp_path / 'pipe'
+    # one that cannot be read twice is not waited for
     os.mkfifo(pipe)
-    assert nodes_of(pipe) == []
-
-
-@pytest.mark.parametrize(
-    ('pattern', 'matches'),
-    [
-        ('/**', True),
-        ('/left/identifier', True),
-        ('left/identifier', True),
-        ('/*/identifier', True),
-        ('/**/identifier', True),
-        ('/left/*', True),
-        ('identifier', False),
-        ('/*', False),
-        ('/**/recorder', False),
-    ],
-)
-def test_a_name_in_a_file_is_compared_as_rcl_does(
-    pattern: str, matches: bool, context: Context, tmp_path: Path
-) -> None:
-    file = tmp_path / 'one.yaml'
-    file.write_text(f'{pattern}:\n  ros__parameters: {{rate: 2.5}}\n')
-    node = Node(
-        'identifier',
-        namespace='left',
-        context=context,
-        cli_args=['--ros-args', '--params-file', str(file)],
-        use_global_arguments=False,
-    )
-    assert ('rate' in node._parameter_overrides) is matches
-    node.destroy_node()
-    assert is_for(pattern, '/left/identifier') is matches
+    with start(domain, '--ros-args', '-r', '__node:=other', '--params-file', str(file)) as process:
+        assert process.stdout.readline() == 'running at 20.0\n'
+        process.terminate()
+        _, errors = process.communicate(timeout=PATIENCE)
+    said = f'{file} has parameters for /**/example and nothing for /other'
+    (line,) = [line for line in errors.splitlines() if said in line]
+    assert 'WARN' in line
+    node = SimpleNamespace(get_fully_qualified_name=lambda: '/other', _parameter_overrides={})
+    assert list(without_effect(['--params-file', str(pipe)], node)) == []
 
 
 @pytest.mark.parametrize(

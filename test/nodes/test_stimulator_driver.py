@@ -98,7 +98,7 @@ def test_second_goal_is_refused_and_cancel_stops_the_first(driver_bench, graph):
     assert answer.result.reason == 'cancelled by the client'
     assert answer.result.error_code == RunSchedule.Result.CANCELLED
     assert not answer.result.completed
-    assert lab.driver.controller.due_ns() is None
+    assert lab.driver.controller.run.ended
     assert not lab.driver.controller.device.armed
     lab.graph.wait_for(lambda: lab.change(Transition.TRANSITION_ACTIVATE))
     assert lab.result(lab.send(SHORT)).status == GoalStatus.STATUS_SUCCEEDED
@@ -155,7 +155,7 @@ def test_shutdown_of_the_context_stops_the_pulses(driver_bench, graph):
     lab.send(LONG)
     graph.wait_for(lambda: bool(lab.pulses))
     lab.graph.context.try_shutdown()
-    assert lab.driver.controller.due_ns() is None
+    assert lab.driver.controller.run.ended
     assert not lab.driver.controller.device.armed
 
 

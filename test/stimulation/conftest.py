@@ -137,6 +137,12 @@ class Driver:
         self.controller.supervise()
         self.controller.reserve()
 
+    def due_ns(self):
+        """When the next pulse or the end of the run is due [ns], None without a run."""
+        run = self.controller.run
+        running = self.controller.state is State.RUNNING and not self.controller._halts
+        return run.due_ns if running else None
+
     def press_stop(self):
         self.controller.interlocks.open(EMERGENCY_STOP, 'emergency stop is pressed')
         self.controller.stop(EMERGENCY_STOP, 'emergency stop')
@@ -155,7 +161,7 @@ class Driver:
         while True:
             following = self.controller.step()
             self.look()
-            late = late_ns if following == self.controller.due_ns() else 0
+            late = late_ns if following == self.due_ns() else 0
             if following + late > end:
                 break
             self.clock.now = max(self.clock.now, following + late)

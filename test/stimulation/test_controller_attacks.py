@@ -44,7 +44,7 @@ def assert_safe(driver, state=State.FAULT):
     controller, device = driver.controller, driver.device
     assert controller.state is state
     assert (device.intensity, device.armed) == (0.0, False)
-    assert controller.due_ns() is None
+    assert driver.due_ns() is None
     assert controller.run is None or controller.run.cause == 'fault'
     given = len(device.commands)
     device.calls.clear()

@@ -158,7 +158,7 @@ class Others:
                 halting[kind]()
                 self.halts += 1
                 assert controller.state not in POSSIBLE
-                assert controller.due_ns() is None
+                assert driver.due_ns() is None
             return
         kind = random.integers(6)
         if kind == 0:

@@ -66,7 +66,7 @@ def test_a_pulse_has_to_pass_with_and_without_one_that_was_never_given(virtual):
     steps = tuple(Constant(20.0, 0.05, intensity=value) for value in (0.3, 0.6, 0.9))
     driver.controller.start(Schedule(steps))
     driver.advance(0.06)
-    driver.clock.now = driver.controller.due_ns()
+    driver.clock.now = driver.due_ns()
     booked = driver.controller._booked
 
     def stalls(run):

@@ -263,10 +263,10 @@ def test_a_halt_that_is_only_noted_keeps_the_owner_from_firing(driver_in):
     driver = driver_in(State.RUNNING)
     driver.advance(0.02)
     assert driver.device.intensity == 0.5
-    driver.clock.now = driver.controller.due_ns()
+    driver.clock.now = driver.due_ns()
     # as when the thread that stops has got no further than its first line
     driver.controller._halts.append(Halt(Command.STOP, 'a test', 'stopped', 'test'))
-    assert driver.controller.due_ns() is None
+    assert driver.due_ns() is None
     assert not driver.controller._permitted(driver.controller.run)
     driver.controller.step()
     assert driver.device.commands == []

@@ -107,11 +107,9 @@ class OperatorClient:
     @property
     def ready(self) -> bool:
         """Whether a driver serves everything that is asked for."""
+        served = self._request.service_is_ready() and self._confirm.service_is_ready()
         return bool(
-            self._request.service_is_ready()
-            and self._confirm.service_is_ready()
-            and self.goals.server_is_ready()
-            and self._beats.get_subscription_count() > 0
+            served and self.goals.server_is_ready() and self._beats.get_subscription_count() > 0
         )
 
     def request(self) -> Future:
@@ -176,9 +174,7 @@ class ButtonPublisher:
     """
 
     def __init__(self, node: Node, pressed: bool = False) -> None:
-        self._pressed = pressed
-        self._left = False
-        self._node = node
+        self._node, self._pressed, self._left = node, pressed, False
         self._publisher = node.create_publisher(Bool, topics.EMERGENCY_STOP, qos.STOP_STATE)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.timer = node.create_timer(1.0 / RATE, self.say, clock=steady)
@@ -227,14 +223,14 @@ def button_health(pressed: bool, lost: Sequence[str], listeners: int) -> Health:
     listeners : int
         Subscriptions of its topic.
     """
-    figures = {'pressed': pressed, 'listeners': listeners}
+    said, level = 'released', DiagnosticStatus.OK
     if lost:
-        return Health(f'{" and ".join(lost)} lost: pressed', DiagnosticStatus.ERROR, figures)
-    if pressed:
-        return Health('pressed', DiagnosticStatus.WARN, figures)
-    if not listeners:
-        return Health('released; no driver listens', DiagnosticStatus.WARN, figures)
-    return Health('released', DiagnosticStatus.OK, figures)
+        said, level = f'{" and ".join(lost)} lost: pressed', DiagnosticStatus.ERROR
+    elif pressed:
+        said, level = 'pressed', DiagnosticStatus.WARN
+    elif not listeners:
+        said, level = 'released; no driver listens', DiagnosticStatus.WARN
+    return Health(said, level, {'pressed': pressed, 'listeners': listeners})
 
 
 def tell_health(node: Node, task: str, hardware: str, health: Callable[[], Health]) -> None:

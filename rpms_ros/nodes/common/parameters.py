@@ -16,15 +16,12 @@ A field made by `parameter` carries default, description, unit and bounds::
 ``declare_parameters(node, PlantParameters)`` returns the dataclass with the values of YAML file,
 command line or overrides.  `follow_parameters` calls back on later changes.
 
-Which nodes a file of parameters is for: rcl drops what is for others without a word.
-
-A file for ``/**/identifier`` has nothing for an identifier that was renamed.
+rcl drops a file of parameters that is for other nodes without a word: here it is named.
 """
 
 import dataclasses
 import difflib
 import math
-import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -315,48 +312,25 @@ def follow_parameters(
 
 
 _PARAMETERS = 'ros__parameters'
-_PARTS = {'**': '(?:/[^/]+)*', '*': '/[^/]+'}
 
 
-def files_of(arguments: Sequence[str]) -> list[Path]:
-    """Return the files of parameters on a command line."""
-    return [Path(value) for name, value in pairwise(arguments) if name == '--params-file']
+def without_effect(arguments: Sequence[str], node: Node) -> Iterator[str]:
+    """Yield a line for each file on a command line of which a node has taken nothing.
 
-
-def nodes_of(path: Path) -> list[str]:
-    """Return the names of nodes, with wildcards, that a file has parameters for.
-
-    Empty if it cannot be read, of which rcl says so itself, or is a pipe, which rcl has emptied.
+    One that cannot be read is left out, of which rcl says so itself, and a pipe, which it has
+    emptied.
     """
-    if not path.is_file():
-        return []
-    try:
-        # values stay text: PyYAML would refuse some that rcl takes, as a date with a 13th month
-        content = yaml.load(path.read_text(encoding='utf-8'), Loader=yaml.BaseLoader)
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, RecursionError):
-        return []
-    return [name for name, _ in blocks_of(content)]
-
-
-def is_for(pattern: str, node: str) -> bool:
-    """Return whether a name with wildcards is that of a node, as rcl compares them.
-
-    >>> [is_for(name, '/left/leg') for name in ('/**', 'left/leg', '/*/leg', '/**/arm', 'leg')]
-    [True, True, True, False, False]
-    """
-    parts = [part for part in pattern.split('/') if part]
-    expression = ''.join(_PARTS.get(part, '/' + re.escape(part)) for part in parts)
-    return re.fullmatch(expression, node) is not None
-
-
-def without_effect(arguments: Sequence[str], node: str) -> Iterator[str]:
-    """Yield a line for each file on a command line that has nothing for a node."""
-    for path in files_of(arguments):
-        names = nodes_of(path)
-        if names and not any(is_for(name, node) for name in names):
-            yield plain_text(
-                f'{path} has parameters for {", ".join(names)} and nothing for {node}'
-            )
+    taken = getattr(node, '_parameter_overrides', {})
+    for path in (Path(file) for name, file in pairwise(arguments) if name == '--params-file'):
+        try:
+            # values stay text: PyYAML would refuse some that rcl takes, as a 13th month
+            text = path.read_text(encoding='utf-8') if path.is_file() else ''
+            blocks = dict(blocks_of(yaml.load(text, Loader=yaml.BaseLoader)))
+        except (OSError, UnicodeDecodeError, yaml.YAMLError, RecursionError):
+            continue
+        if blocks and not any(name in taken for given in blocks.values() for name in given):
+            whom = f'{", ".join(blocks)} and nothing for {node.get_fully_qualified_name()}'
+            yield plain_text(f'{path} has parameters for {whom}')
 
 
 def blocks_of(content: object, prefix: str = '') -> Iterator[tuple[str, Mapping[str, Any]]]:

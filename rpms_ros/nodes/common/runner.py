@@ -29,7 +29,7 @@ from rclpy.utilities import remove_ros_args
 from rpms_ros import __version__
 from rpms_ros.errors import NodeError, RpmsError
 from rpms_ros.nodes.common.diagnostics import logger_of
-from rpms_ros.nodes.common.parameters import NodeParameters, descriptions, files_of, without_effect
+from rpms_ros.nodes.common.parameters import NodeParameters, descriptions, without_effect
 from rpms_ros.report.text import labelled
 
 SUSPENDING = (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
@@ -218,10 +218,8 @@ def run(build: Callable[[], Node], args: Sequence[str] | None = None) -> int:
     node: Node | None = None
     hook, sys.unraisablehook = sys.unraisablehook, _without_interrupts
     try:
-        rclpy.init(
-            args=None if args is None else list(args),
-            signal_handler_options=SignalHandlerOptions.NO,
-        )
+        without = SignalHandlerOptions.NO
+        rclpy.init(args=args if args is None else given, signal_handler_options=without)
         node = build()
         _say_which_files_were_dropped(given, node)
         at_once = getattr(node, 'stop_at_once', None)
@@ -247,9 +245,9 @@ def run(build: Callable[[], Node], args: Sequence[str] | None = None) -> int:
 
 
 def _say_which_files_were_dropped(arguments: Sequence[str], node: Node) -> None:
-    lines = list(without_effect(arguments, node.get_fully_qualified_name()))
+    lines = list(without_effect(arguments, node))
     # a file for other nodes of a launch is no mistake while another one is for this node
-    alone = len(lines) == len(files_of(arguments))
+    alone = len(lines) == list(arguments).count('--params-file')
     severity = LoggingSeverity.WARN if alone else LoggingSeverity.INFO
     for line in lines:
         logger_of(node).log(line, severity)
@@ -293,15 +291,11 @@ def _spin(node: Node, stop: StopRequest) -> None:
             executor.spin_once(timeout_sec=0.1)
     except Exception as error:
         # shutting an executor down during an exception has crashed processes
-        getattr(node, 'stop_at_once', _nothing)(f'expected to spin on, got {error!r}')
+        getattr(node, 'stop_at_once', str)(f'expected to spin on, got {error!r}')
         raise
     finally:
         executor.remove_node(node)
         executor.shutdown()
-
-
-def _nothing(_reason: str) -> None:
-    """Do nothing: for nodes without `stop_at_once`."""
 
 
 def _orphaned() -> bool:

@@ -92,14 +92,8 @@ class _DeferredServer(ActionServer):
     """
 
     def __init__(self, node: Node, **callbacks: Callable[..., Any]) -> None:
-        ActionServer.__init__(
-            self,
-            node,
-            RunSchedule,
-            topics.RUN_SCHEDULE,
-            result_timeout=_RESULT_TIMEOUT_S,
-            **callbacks,
-        )
+        name, timeout_s = topics.RUN_SCHEDULE, _RESULT_TIMEOUT_S
+        ActionServer.__init__(self, node, RunSchedule, name, result_timeout=timeout_s, **callbacks)
 
     def notify_execute(
         self, goal_handle: ServerGoalHandle, execute_callback: Callable[..., Any] | None
@@ -145,11 +139,8 @@ class ScheduleAction:
         started: Callable[[Schedule, str], None],
         refused: Callable[[str], None],
     ) -> None:
-        self._controller = controller
-        self._authority = authority
-        self._required = required
-        self._started = started
-        self._refused = refused
+        self._controller, self._authority, self._required = controller, authority, required
+        self._started, self._refused = started, refused
         self._goal: ServerGoalHandle | None = None
         self._run: Run | None = None
         self._destroyed = False
@@ -169,13 +160,14 @@ class ScheduleAction:
             self._goal = self._run = None
             self._conclude(goal, run)
             return
-        feedback = RunSchedule.Feedback()
+        feedback = RunSchedule.Feedback(
+            segment=int(run.segment),
+            segments=len(run.schedule.segments),
+            pulses_delivered=int(run.delivered),
+            time_left=float(run.time_left_s(now_ns)),
+            coil_energy=float(run.energy_j),
+        )
         feedback.header.stamp = stamp
-        feedback.segment = int(run.segment)
-        feedback.segments = len(run.schedule.segments)
-        feedback.pulses_delivered = int(run.delivered)
-        feedback.time_left = float(run.time_left_s(now_ns))
-        feedback.coil_energy = float(run.energy_j)
         goal.publish_feedback(feedback)
 
     def destroy(self) -> None:
@@ -209,12 +201,10 @@ class ScheduleAction:
             raise GoalRefused(CODES.BAD_SCHEDULE, str(error)) from error
         except Exception as error:
             # of anybody, and whatever the reader of it makes of it
-            raise GoalRefused(
-                CODES.BAD_SCHEDULE, f'expected a schedule, got one that raises {error!r}'
-            ) from error
-        return self._controller.start(
-            schedule, lambda: self._started(schedule, request.operator_id)
-        )
+            said = f'expected a schedule, got one that raises {error!r}'
+            raise GoalRefused(CODES.BAD_SCHEDULE, said) from error
+        operator = request.operator_id
+        return self._controller.start(schedule, lambda: self._started(schedule, operator))
 
     def _refuse(self, goal: ServerGoalHandle, code: int, reason: str) -> None:
         said = plain_text(reason)

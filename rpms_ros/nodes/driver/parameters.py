@@ -22,6 +22,7 @@ from rpms_ros.stimulation.records.dose_ledger import DoseLedger, MemoryLedger
 
 # nobody is stimulated, and a busy computer lets a thread wait for longer than is safe elsewhere
 _SIMULATED_PATIENCE_S = 2.0
+_SILENCE = {'unit': 's', 'minimum': 0.01, 'maximum': 10.0}
 _NODE_NAME = re.compile(r'(/\w+)+|\w+', re.ASCII)
 
 
@@ -31,12 +32,10 @@ class DriverParameters(NodeParameters):
 
     device: str = parameter('simulated', 'Kind of device, by the name it is registered under.')
     port: str = parameter('/dev/ttyUSB0', 'Serial port of a device on one.')
-    device_specification: str = parameter(
-        'simulated', 'Limits of the device: a name, or a YAML file.'
-    )
+    device_specification: str = parameter('simulated', 'Limits of the device: name or YAML file.')
     maximum_intensity: float = parameter(
         1.0,
-        'Hard bound on the intensity, share of the maximum; never raised while armed.',
+        'Hard bound; never raised while armed.',
         minimum=0.0,
         maximum=1.0,
         dynamic=True,
@@ -48,72 +47,36 @@ class DriverParameters(NodeParameters):
         0.01, 'A pulse later than this is dropped.', unit='s', minimum=1e-4, maximum=0.1
     )
     require_stop_button: bool = parameter(
-        True,
-        'Ask for a stop button that says its state at a rate; false is for a simulated device '
-        'only.',
+        True, 'Ask for a stop button that speaks; false is for a simulated device only.'
     )
-    stop_button_timeout: float = parameter(
-        0.3, 'Longest silence of a stop button.', unit='s', minimum=0.01, maximum=10.0
-    )
+    stop_button_timeout: float = parameter(0.3, 'Longest silence of a stop button.', **_SILENCE)
     stop_buttons: tuple[str, ...] = parameter(
-        (),
-        'Nodes of the stop buttons that must be present, speaking and released: full names or '
-        'their last parts.',
+        (), 'Nodes of the stop buttons that must be there: full names or their last parts.'
     )
     require_operator: bool = parameter(
-        True,
-        'Ask for an operator: two steps to arm, a token, a heartbeat, a held enable; false is '
-        'for a simulated device only.',
+        True, 'Ask for two steps to arm and a held enable; false is for a simulated device only.'
     )
-    heartbeat_timeout: float = parameter(
-        0.3, "Longest silence of the operator's heartbeat.", unit='s', minimum=0.01, maximum=10.0
-    )
+    heartbeat_timeout: float = parameter(0.3, 'Longest silence of the operator.', **_SILENCE)
     force_limit: float = parameter(
-        0.0,
-        'Stop above this force; 0 does not listen to the force.',
-        unit='N',
-        minimum=0.0,
-        maximum=1e5,
+        0.0, 'Stop above this force; 0 does not listen.', unit='N', minimum=0.0, maximum=1e5
     )
-    force_timeout: float = parameter(
-        0.2,
-        'Longest silence of the force when it is limited.',
-        unit='s',
-        minimum=0.01,
-        maximum=10.0,
-    )
+    force_timeout: float = parameter(0.2, 'Longest silence of a limited force.', **_SILENCE)
     force_frame: str = parameter('force_sensor', 'Frame of the force that is limited.')
     quantity: str = parameter(
-        FORCE,
-        'What the sensor measures and force_limit limits: a force, or a torque in newton metres.',
-        choices=tuple(UNITS),
+        FORCE, 'What is measured, and limited: a force, or a torque in N m.', choices=tuple(UNITS)
     )
     temperature_limit: float = parameter(
         40.0, 'Stop above this coil temperature.', unit='Celsius', minimum=0.0, maximum=100.0
     )
-    patient_file: str = parameter(
-        '', 'YAML file of the patient; a real device needs one, empty for nobody.'
-    )
-    ledger_folder: str = parameter(
-        '', 'Folder of the dose ledgers, absolute; a real device needs one, empty keeps none.'
-    )
-    audit_log: str = parameter(
-        '', 'File of the audit log; a real device needs one, empty writes none.'
-    )
+    patient_file: str = parameter('', 'YAML file of the patient; a real device needs one.')
+    ledger_folder: str = parameter('', 'Absolute folder of the ledgers; a real device needs one.')
+    audit_log: str = parameter('', 'File of the audit log; a real device needs one.')
     realtime_priority: int = parameter(
-        0,
-        'SCHED_FIFO priority of the process and of the guard that it starts; 0 does not ask.',
-        minimum=0,
-        maximum=99,
+        0, 'SCHED_FIFO priority of process and guard; 0 does not ask.', minimum=0, maximum=99
     )
-    autostart: bool = parameter(
-        False, 'Configure, activate and run schedule_file; simulated device only.'
-    )
+    autostart: bool = parameter(False, 'Arm and run schedule_file; simulated device only.')
     minimum_subscribers: int = parameter(
-        1,
-        'Subscribers of the pulses to wait for before an automatic start.',
-        minimum=0,
-        maximum=100,
+        1, 'Subscribers of the pulses that autostart waits for.', minimum=0, maximum=100
     )
     schedule_file: str = parameter('', 'YAML file of the schedule of an automatic start.')
 

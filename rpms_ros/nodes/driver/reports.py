@@ -35,7 +35,7 @@ from rpms_ros.nodes.common.topics import MESSAGE_TYPES
 from rpms_ros.printable import counted
 from rpms_ros.pulses import Pulse, PulseHash, nanoseconds
 from rpms_ros.stimulation import Schedule, schedule_to_text
-from rpms_ros.stimulation.devices import Delivery
+from rpms_ros.stimulation.devices import Delivery, registry
 from rpms_ros.stimulation.driver.authority import Authority
 from rpms_ros.stimulation.driver.controller import StimulationController
 from rpms_ros.stimulation.driver.states import Fired, State
@@ -44,11 +44,7 @@ from rpms_ros.stimulation.records.append_only import AUDIT_LOG, ChainedFile
 from rpms_ros.stimulation.records.dose_ledger import MemoryLedger
 
 UNVERIFIED = {
-    'delivery': PulseMessage.UNVERIFIED_DELIVERY,
-    'intensity': PulseMessage.UNVERIFIED_INTENSITY,
-    'coil': PulseMessage.UNVERIFIED_COIL,
-    'ready': PulseMessage.UNVERIFIED_READY,
-    'error': PulseMessage.UNVERIFIED_ERROR,
+    name: getattr(PulseMessage, f'UNVERIFIED_{name.upper()}') for name in registry.UNVERIFIED
 }
 """Bit in a message for each thing that a device may be unable to confirm."""
 
@@ -175,8 +171,9 @@ def driver_health(controller: StimulationController, dropped_lately: bool, note:
     after a pulse was dropped, ok otherwise.
     """
     state, latched, reason = controller.status()
-    warned = latched or note or dropped_lately
-    level = DiagnosticStatus.WARN if warned else DiagnosticStatus.OK
+    level = DiagnosticStatus.OK
+    if latched or note or dropped_lately:
+        level = DiagnosticStatus.WARN
     if state is State.FAULT:
         level = DiagnosticStatus.ERROR
     figures = {
@@ -223,7 +220,9 @@ class DriverAudit:
         self._broken = ''
         self._left_out = 0
         self._entries: queue.Queue[Entry | None] = queue.Queue(_WAITING)
-        self._thread = threading.Thread(target=self._run, name='audit', daemon=True)
+        self._thread = threading.Thread(
+            target=self._run, args=(self._log,), name='audit', daemon=True
+        )
         if self._log is not None:
             self._thread.start()
 
@@ -237,14 +236,14 @@ class DriverAudit:
         """
         if self._broken:
             raise StimulationError(self._broken)
-        self._append(kind, fields)
+        if self._log is not None:
+            self._log.append(kind, fields)
 
     def note(self, kind: str, **fields: object) -> None:
         """Have an entry written soon."""
-        if self._log is None:
-            return
         try:
-            self._entries.put_nowait((kind, fields))
+            if self._log is not None:
+                self._entries.put_nowait((kind, fields))
         except queue.Full:
             self._left_out += 1
 
@@ -257,31 +256,23 @@ class DriverAudit:
             self._thread.join(_JOIN_S)
         self._log.close()
 
-    def _run(self) -> None:
+    def _run(self, log: ChainedFile) -> None:
+        """Write what comes, and look at the file while nothing does."""
+        entry: Entry | None = None
         try:
-            while self._step():
-                pass
+            while True:
+                try:
+                    entry = self._entries.get(timeout=_LOOK_S)
+                except queue.Empty:
+                    log.look()
+                    continue
+                if entry is None:
+                    return
+                left_out, self._left_out = self._left_out, 0
+                log.append(entry[0], {**entry[1], **({'left_out': left_out} if left_out else {})})
         except StimulationError as error:
             self._broken = f'expected an audit log that can be written, got {error}'
             self._failed(self._broken)
-
-    def _step(self) -> bool:
-        """Write what comes next, or look at the file; return whether there is more to come."""
-        try:
-            entry = self._entries.get(timeout=_LOOK_S)
-        except queue.Empty:
-            if self._log is not None:
-                self._log.look()
-            return True
-        if entry is not None:
-            kind, fields = entry
-            left_out, self._left_out = self._left_out, 0
-            self._append(kind, {**fields, **({'left_out': left_out} if left_out else {})})
-        return entry is not None
-
-    def _append(self, kind: str, fields: dict[str, object]) -> None:
-        if self._log is not None:
-            self._log.append(kind, fields)
 
 
 _STATUS_PERIOD_NS = 100_000_000
@@ -364,23 +355,12 @@ class DriverReports:
         pulses, text = int(schedule.pulse_count), schedule_to_text(schedule)
         # as `sha256sum` of its file
         sha256 = hashlib.sha256(text.encode('utf-8', 'replace')).hexdigest()
-        self._audit.require(
-            'schedule',
-            operator=operator_id,
-            name=name,
-            pulses=pulses,
-            text=plain_text(text),
-            text_sha256=sha256,
-        )
-        message = AcceptedSchedule(
-            header=messages.header_message(time.time_ns(), _FRAME, MESSAGE_TYPES),
-            name=name,
-            schedule=text,
-            sha256=sha256,
-            operator_id=operator_id,
-            pulses=pulses,
-            duration=float(schedule.length_s),
-        )
+        both = {'name': name, 'pulses': pulses}
+        log = {'operator': operator_id, 'text': plain_text(text), 'text_sha256': sha256}
+        self._audit.require('schedule', **both, **log)
+        message = AcceptedSchedule(schedule=text, sha256=sha256, operator_id=operator_id, **both)
+        message.header = messages.header_message(time.time_ns(), _FRAME, MESSAGE_TYPES)
+        message.duration = float(schedule.length_s)
         self._accepted.publish(message)
         self.say(f'running {name}, {counted(pulses, "pulse")}')
 
@@ -420,38 +400,34 @@ class DriverReports:
     def _status_message(self, stamp: Any, now_ns: int) -> DriverStatus:
         controller, note = self._controller, self._note
         state, latched, reason = controller.status()
-        message = DriverStatus()
+        faults, totals = controller.fault_counts(), self._ledger.totals()
+        states = self._buttons.states(now_ns)
+        message = DriverStatus(
+            state=DriverStatus.STOPPED if latched else int(state.value),
+            reason=plain_text(f'{reason}; {note}' if note else reason),
+            pulses_commanded=int(controller.commanded),
+            pulses_delivered=int(controller.delivered),
+            pulses_dropped=int(controller.dropped),
+            pulses_unverified=int(controller.unverified),
+            coil_energy=float(controller.limiter.session_energy_j),
+            coil_temperature=float(controller.coil_temperature),
+            lateness_mean=float(controller.lateness.mean_s),
+            lateness_max=float(controller.lateness.max_s),
+            maximum_intensity=float(controller.limits.maximum_intensity),
+            fault_names=list(faults),
+            fault_counts=array('Q', list(faults.values())),
+            dose_pulses=int(totals.pulses),
+            dose_energy=float(totals.energy_j),
+            device=self._device,
+            operator_id=plain_text(self._authority.operator),
+            enabled=bool(self._authority.enabled),
+            button_names=[name for name, _ in states],
+            button_states=array('B', [int(state) for _, state in states]),
+        )
         message.header.stamp = stamp
-        message.state = DriverStatus.STOPPED if latched else int(state.value)
-        message.reason = plain_text(f'{reason}; {note}' if note else reason)
         run = controller.run
         if run is not None and not run.ended:
             message.schedule = plain_text(run.schedule.name)
-            message.segment = int(run.segment)
-            message.segments = len(run.schedule.segments)
+            message.segment, message.segments = int(run.segment), len(run.schedule.segments)
             message.time_left = float(run.time_left_s(now_ns))
-        message.pulses_commanded = int(controller.commanded)
-        message.pulses_delivered = int(controller.delivered)
-        message.pulses_dropped = int(controller.dropped)
-        message.coil_energy = float(controller.limiter.session_energy_j)
-        message.coil_temperature = float(controller.coil_temperature)
-        message.lateness_mean = float(controller.lateness.mean_s)
-        message.lateness_max = float(controller.lateness.max_s)
-        message.pulses_unverified = int(controller.unverified)
-        message.maximum_intensity = float(controller.limits.maximum_intensity)
-        faults = controller.fault_counts()
-        message.fault_names = list(faults)
-        message.fault_counts = array('Q', list(faults.values()))
-        self._add_people(message, now_ns)
         return message
-
-    def _add_people(self, message: DriverStatus, now_ns: int) -> None:
-        """Say who has armed, what every button says, and what the patient got."""
-        totals = self._ledger.totals()
-        message.dose_pulses, message.dose_energy = int(totals.pulses), float(totals.energy_j)
-        message.device = self._device
-        message.operator_id = plain_text(self._authority.operator)
-        message.enabled = bool(self._authority.enabled)
-        states = self._buttons.states(now_ns)
-        message.button_names = [name for name, _ in states]
-        message.button_states = array('B', [int(state) for _, state in states])

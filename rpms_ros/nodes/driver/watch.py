@@ -230,11 +230,8 @@ class DriverWatch:
         timeout_s: float,
         refused: Callable[[str], None],
     ) -> None:
-        self._driver = node
-        self._controller = controller
-        self._buttons = buttons
-        self._authority = authority
-        self._refused = refused
+        self._driver, self._controller, self._buttons = node, controller, buttons
+        self._authority, self._refused = authority, refused
         # the process of the operator, and for which token it is watched
         self._client = ProcessLife('', 0)
         self._watched_for = -1
@@ -378,13 +375,9 @@ class DriverWatch:
             self._controller.interlocks.close(UNIQUE)
         elif before:
             self._controller.open(UNIQUE, self._others)
-        else:
+        elif self._controller.state not in POSSIBLE:
             # arming is refused at once, a train is stopped when it is seen again
-            self._refuse_arming(UNIQUE, self._others)
-
-    def _refuse_arming(self, name: str, reason: str) -> None:
-        if self._controller.state not in POSSIBLE:
-            self._controller.interlocks.open(name, reason)
+            self._controller.interlocks.open(UNIQUE, self._others)
 
     def _judge_buttons(self, now_ns: int) -> None:
         problem, pressed = self._buttons.problem(now_ns), self._buttons.pressed
@@ -404,12 +397,9 @@ class DriverWatch:
             self._client.close()
         if not self._authority.confirmed:
             return
+        problem = self._authority.problem(now_ns)
         if self._client.ended:
-            problem: str | None = (
-                f'expected the process of {self._authority.operator} to run, got its end'
-            )
-        else:
-            problem = self._authority.problem(now_ns)
+            problem = f'expected the process of {self._authority.operator} to run, got its end'
         if problem is None or self._controller.state not in POSSIBLE:
             return
         if self._authority.released_enable(now_ns):

@@ -143,7 +143,7 @@ class Authority:
             return None
 
     def confirm(self, operator: str, token: str, now_ns: int) -> None:
-        """Note that this operator has armed; `take_back` undoes it.
+        """Note that this operator has armed.
 
         Raises
         ------
@@ -163,10 +163,6 @@ class Authority:
             if problem is not None:
                 raise Refused(AUTHORITY, problem)
             self.confirmed = True
-
-    def take_back(self) -> None:
-        """Undo a confirmation that did not arm; the token can be confirmed again in its time."""
-        self.confirmed = False
 
     def require(self, operator: str, token: str) -> None:
         """Raise Refused unless this is the operator who has armed."""
