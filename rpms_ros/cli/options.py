@@ -225,7 +225,7 @@ def compile_estimator(build: 'Callable[[], Estimator]', quiet: bool) -> None:
         if not quiet:
             print(f'rpms: {COMPILING}', file=sys.stderr)
 
-    warm_up(build, tell)
+    warm_up(build, tell, load=False)
 
 
 @contextmanager

@@ -43,8 +43,10 @@ _ALL = (
 )
 
 
-def warm_up(build: Callable[[], Estimator], tell: Callable[[], object] = lambda: None) -> None:
-    """Compile what an estimator runs, or load it if that was done before.
+def warm_up(
+    build: Callable[[], Estimator], tell: Callable[[], object] = lambda: None, load: bool = True
+) -> None:
+    """Compile what an estimator runs.
 
     Parameters
     ----------
@@ -52,6 +54,8 @@ def warm_up(build: Callable[[], Estimator], tell: Callable[[], object] = lambda:
         Returns a new estimator.
     tell : callable, optional
         Called before anything is compiled; not at all if that was done before.
+    load : bool
+        If that was done before, load it: for a node, whose samples would wait meanwhile.
     """
     settings = StreamSettings(estimate_period=1.0)
     estimator = build()
@@ -59,7 +63,8 @@ def warm_up(build: Callable[[], Estimator], tell: Callable[[], object] = lambda:
     compiled = marker is not None and marker.exists()
     if not compiled:
         tell()
-    identify(estimator, *made_up_session(_SHORT), settings)
+    if load or not compiled:
+        identify(estimator, *made_up_session(_SHORT), settings)
     if compiled:
         return
     identify(build(), *made_up_session(_LONG), settings)

@@ -180,7 +180,7 @@ class BatchEstimator(ProjectionEstimator):
             return
         self._fitted_samples = samples
         self._fit_basis(scouting)
-        if self.settings.choose_basis and self._choose_basis():
+        if self.settings.choose_basis and self._choose_basis(scouting):
             self._fit_basis(scouting)
         self._predict_by_window(self._span(self._problem).length_ns)
 
@@ -202,7 +202,7 @@ class BatchEstimator(ProjectionEstimator):
         if scouting:
             self._scout(fit)
         # of another length of the intervals the disturbance says little
-        fit.levels, fit.variance, fit.inflation = fit.levels[-2:].copy(), 0.0, 1.0
+        fit.levels, fit.inflation = fit.levels[-2:].copy(), 1.0
         gauss_newton_steps(self._problem, fit, knowledge, self._span(self._problem), _FINAL_STEPS)
 
     def _scout(self, fit: WindowFit) -> None:
@@ -220,15 +220,21 @@ class BatchEstimator(ProjectionEstimator):
         best = max(trials, key=lambda one: one.likelihood)
         fit.failures += sum(one.failures for one in trials)
         if np.isfinite(best.likelihood):
-            fit.point, fit.scales = best.point, best.scales
+            fit.point, fit.scales, fit.variance = best.point, best.scales, best.variance
 
-    def _choose_basis(self) -> bool:
-        """Choose the basis that explains the recording best; return whether it has changed."""
+    def _choose_basis(self, nearby: bool) -> bool:
+        """Choose the basis that explains the recording best; return whether it has changed.
+
+        Among those next to the present one only if `nearby`: what a fit for predictions alone
+        would gain by one of them is little.
+        """
         strong_ns = self._raw.last_strong_ns(self._last_ns)
         if strong_ns is None or strong_ns == self._compared_ns:
             return False
         first_ns = max(strong_ns - _CHOSEN_NS, self._raw.first_ns)
         everywhere = self._searches < 1 + (strong_ns - first_ns > _SEARCHED_AGAIN_NS)
+        if not (everywhere or nearby):
+            return False
         # a search everywhere is one anew: the basis of few samples has no right of its own
         present = self.settings.basis if everywhere else self._basis
         theta, nothing = self._window.point.theta, np.zeros(present.functions)

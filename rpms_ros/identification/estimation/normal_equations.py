@@ -147,12 +147,22 @@ def advance_states(generator: FloatArray, states: FloatArray) -> None:
     """
     for function in range(len(states) - 1, -1, -1):
         row = states[function]
-        for place in range(len(row)):
+        for place in range(NONLINEAR):
             row[place] *= generator[0]
         for shift in range(1, function + 1):
             other, factor = states[function - shift], generator[shift]
-            for place in range(len(row)):
+            for place in range(NONLINEAR):
                 row[place] += factor * other[place]
+
+
+@numba.njit(cache=True)
+def _add_lower_product(left: FloatArray, right: FloatArray, matrix: FloatArray) -> None:
+    """Add the lower triangle of left^T right, both (functions, nonlinear)."""
+    for row in range(len(left)):
+        for other in range(NONLINEAR):
+            factor = left[row, other]
+            for place in range(other + 1):
+                matrix[other, place] += factor * right[row, place]
 
 
 @numba.njit(cache=True)
@@ -167,11 +177,11 @@ def add_gradient_terms(  # noqa: C901 - calls for each row take longer than the 
     matrix: FloatArray,
     right: FloatArray,
 ) -> None:
-    """Add psi against psi, the regressors, the baseline and the force.
+    """Add psi against psi (lower triangle), the regressors, the baseline and the force.
 
     `slopes` (functions, nonlinear) are the derivatives of `state` (functions,) by theta.
     """
-    count, unknowns = slopes.shape
+    count, unknowns = len(slopes), NONLINEAR
     # v_j, and S v_j
     values, projected = np.zeros((count, unknowns)), np.zeros((count, unknowns))
     for shift in range(count):
@@ -198,7 +208,4 @@ def add_gradient_terms(  # noqa: C901 - calls for each row take longer than the 
             factor = value * response[row, RESPONSE_ONE] + slope * response[row, RESPONSE_TIME]
             for place in range(unknowns):
                 matrix[unknowns + count + knot, place] += factor * values[row, place]
-        for other in range(unknowns):
-            factor = values[row, other]
-            for place in range(unknowns):
-                matrix[other, place] += factor * projected[row, place]
+    _add_lower_product(values, projected, matrix)

@@ -586,8 +586,9 @@ def gauss_newton_steps(
     problem: Problem, fit: WindowFit, knowledge: Knowledge, window: Window, steps: int
 ) -> None:
     """Take up to so many steps; scales and variance follow the samples."""
+    at = None
     for _ in range(steps):
-        at = _linearised(problem, fit, knowledge, window)
+        at = at or _linearised(problem, fit, knowledge, window)
         if at.samples == 0.0:
             return
         if fit.variance == 0.0:
@@ -602,9 +603,10 @@ def gauss_newton_steps(
             fit.covariance = _UNKNOWN * np.eye(unknowns_of(fit.point))
             return
         step, covariance = _averaged(solution, tried)
-        _move(fit, at, solution, step, covariance, problem, window)
+        before = fit.variance
+        at = _move(fit, at, solution, step, covariance, problem, window)
         settled = np.abs(fit.moved) < 0.05 * np.sqrt(np.diag(fit.covariance)[:NONLINEAR])
-        if settled.all():
+        if settled.all() and fit.variance > 0.5 * before:
             break
 
 
@@ -657,11 +659,12 @@ def _move(
     covariance: FloatArray,
     problem: Problem,
     window: Window,
-) -> None:
+) -> _Linearised | None:
     """Take a step, damped until the cost with all but theta at its best does not rise.
 
     Arctangents, deviation and response can stand in for each other: where little is known, the
-    step of the linearised equations leads far beyond the least cost.
+    step of the linearised equations leads far beyond the least cost.  The equations at the new
+    theta are returned if they were needed: the next step begins with them.
     """
     certain = solution.here - solution.left < _CERTAIN
     if not certain and fit.damping > _LEAST_DAMPING:
@@ -670,7 +673,7 @@ def _move(
     if certain:
         _accept(fit, at, solution, step, covariance)
         _refresh_noise(fit, at, at.point, window)
-        return
+        return None
     least, rest = solution.projected()
     for _ in range(_TRIALS):
         trial = replace(fit, point=moved(at.point, step))
@@ -686,11 +689,14 @@ def _move(
                 fit.levels = disturbance_at(reduced, rest_there)
                 _refresh_noise(fit, there, trial.point, window)
                 fit.damping *= _FALLS
-                return
+                knots = len(there.second_differences)
+                there.second_differences = _second_differences(fit, fit.first, knots)
+                return there
         fit.damping = min(max(fit.damping * _RISES, _LEAST_DAMPING), 1.0)
         step = _limited(at, solution, solution.damped(fit.damping))
     _accept(fit, at, solution.with_cost(least), rest, covariance)
     _refresh_noise(fit, at, at.point, window)
+    return None
 
 
 def _refresh_noise(fit: WindowFit, at: _Linearised, before: Point, window: Window) -> None:
