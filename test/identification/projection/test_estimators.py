@@ -21,8 +21,8 @@ SETTINGS = ProjectionSettings(basis=LaguerreBasis(7, 38e-3, 0.0))
 TRACKING = TrackingSettings(basis=SETTINGS.basis, choose_basis=False)
 
 
-def test_noise_free_is_exact(record):
-    take = record(12.0)
+def test_noise_free_is_exact(recorded):
+    take = recorded(12.0)
     estimator = BatchEstimator(SETTINGS)
     prediction = take.feed(estimator)
     estimate = estimator.estimate(int(take.stamp_ns[-1]), {})
@@ -35,21 +35,17 @@ def test_noise_free_is_exact(record):
     np.testing.assert_allclose(estimate.nonlinear, [0.48, 0.98, 4.0, 6.0], rtol=1e-2)
 
 
-def test_five_seconds_suffice_in_noise(record):
-    take = record(5.0, noise=0.01, seed=1)
-    estimator = BatchEstimator(SETTINGS)
-    take.feed(estimator)
+def test_five_seconds_suffice_in_noise(recorded):
+    take = recorded(5.0, noise=0.01, seed=1)
     # One per cent of the maximum: the figure for the median of seeds
-    assert take.curve_error(estimator.estimate(0, {})) < 0.01
+    assert take.curve_error(take.fit(BatchEstimator(SETTINGS))) < 0.01
 
 
 @pytest.mark.parametrize('start', [(0.2, 0.3, 1.0), (0.7, 1.2, 20.0), (0.68, 0.79, 2.0)])
-def test_wide_starts_end_at_the_right_minimum(start, record):
-    take = record(8.0, noise=0.01)
+def test_wide_starts_end_at_the_right_minimum(start, recorded):
+    take = recorded(8.0, noise=0.01)
     settings = ProjectionSettings(basis=SETTINGS.basis, start=RecruitmentParameters(*start))
-    estimator = BatchEstimator(settings)
-    take.feed(estimator)
-    assert take.curve_error(estimator.estimate(0, {})) < 0.01
+    assert take.curve_error(take.fit(BatchEstimator(settings))) < 0.01
 
 
 def test_changing_rate_is_one_model():
@@ -79,11 +75,9 @@ def test_changing_rate_is_one_model():
 
 
 @pytest.mark.parametrize('silence', [50.0, 70.0, 150.0])
-def test_a_rest_erases_nothing(record, silence):
-    take = record(6.0, noise=0.005, silence=silence)
-    estimator = TrackingEstimator(TRACKING)
-    take.feed(estimator)
-    estimate = estimator.estimate(int(take.stamp_ns[-1]), {})
+def test_a_rest_erases_nothing(recorded, silence):
+    take = recorded(6.0, noise=0.005, silence=silence)
+    estimate = take.fit(TrackingEstimator(TRACKING))
     assert take.curve_error(estimate) < 0.01
     width = (estimate.curve_upper - estimate.curve_force).max() / take.curve.max()
     assert width < 0.05
@@ -92,7 +86,7 @@ def test_a_rest_erases_nothing(record, silence):
 def outcome(take):
     """Return the estimate after a recording, every number of it finite."""
     estimator = BatchEstimator(SETTINGS)
-    prediction = take.feed(estimator, 500)
+    prediction = take.feed(estimator, block=500)
     assert np.isfinite(prediction).all()
     estimate = estimator.estimate(int(take.stamp_ns[-1]), {})
     for field in dataclasses.fields(estimate):
@@ -102,30 +96,30 @@ def outcome(take):
     return estimate
 
 
-def test_constant_intensity_shows_no_curve(record):
-    estimate = outcome(record(6.0, np.full(120, 0.8), noise=0.01))
+def test_constant_intensity_shows_no_curve(recorded):
+    estimate = outcome(recorded(6.0, np.full(120, 0.8), noise=0.01))
     assert not estimate.curve_known
     assert (estimate.nonlinear_identifiability == NOT_INFORMED).all()
     # Noise of 1 % of the maximum, and the batch predicts by a fit of 3 s before.
     assert estimate.output_error < 0.1
 
 
-def test_below_threshold_informs_of_nothing(record):
+def test_below_threshold_informs_of_nothing(recorded):
     generator = np.random.default_rng(0)
-    take = record(6.0, generator.uniform(0, 0.1, 120), noise=0.0)
+    take = recorded(6.0, generator.uniform(0, 0.1, 120), noise=0.0)
     take.force[:] = 0.01 * generator.standard_normal(len(take.force))
     estimate = outcome(take)
     assert (estimate.nonlinear_identifiability == NOT_INFORMED).all()
 
 
-def test_single_pulse(record):
-    estimate = outcome(record(1.0, [1.0], rate_hz=1.0, noise=0.01))
+def test_single_pulse(recorded):
+    estimate = outcome(recorded(1.0, [1.0], rate_hz=1.0, noise=0.01))
     assert not estimate.curve_known
     assert (estimate.nonlinear_identifiability == NOT_INFORMED).all()
 
 
-def test_saturated_force_has_wide_intervals(record):
-    take = record(8.0, noise=0.002)
+def test_saturated_force_has_wide_intervals(recorded):
+    take = recorded(8.0, noise=0.002)
     free = outcome(take)
     np.clip(take.force, None, 0.4 * take.force.max(), out=take.force)
     estimate = outcome(take)
@@ -134,8 +128,8 @@ def test_saturated_force_has_wide_intervals(record):
     assert half > 3 * np.max(free.curve_upper - free.curve_force) / free.curve_force.max()
 
 
-def test_no_force_at_all(record):
-    take = record(5.0)
+def test_no_force_at_all(recorded):
+    take = recorded(5.0)
     take.force[:] = 0.0
     estimate = outcome(take)
     assert (estimate.nonlinear_identifiability == NOT_INFORMED).all()
@@ -143,16 +137,16 @@ def test_no_force_at_all(record):
     assert not len(estimate.physiology)
 
 
-def test_noise_as_large_as_the_force(record):
-    take = record(8.0, noise=1.0, seed=2)
+def test_noise_as_large_as_the_force(recorded):
+    take = recorded(8.0, noise=1.0, seed=2)
     estimate = outcome(take)
     assert not (estimate.nonlinear_identifiability == CONVERGED).any()
     held = (estimate.curve_lower <= take.curve) & (take.curve <= estimate.curve_upper)
     assert held.mean() > 0.9
 
 
-def test_step_of_the_baseline(record):
-    take = record(10.0, noise=0.005)
+def test_step_of_the_baseline(recorded):
+    take = recorded(10.0, noise=0.005)
     take.force[5_000:] += 0.2 * take.force.max()
     estimate = outcome(take)
     # No baseline of the model follows a step: nothing may be flagged as converged.
@@ -167,8 +161,8 @@ def test_nothing_at_all():
     assert not estimate.curve_known
 
 
-def test_unusable_samples_are_predicted_only(record):
-    take = record(3.0)
+def test_unusable_samples_are_predicted_only(recorded):
+    take = recorded(3.0)
     estimator = BatchEstimator(SETTINGS)
     estimator.add_pulses(take.onset_ns, take.intensity)
     usable = np.zeros(len(take.stamp_ns), dtype=bool)
@@ -188,9 +182,9 @@ def session_of(estimator, take, kept):
     return identify(estimator, pulses, ForceTrace(take.stamp_ns[kept], take.force[kept]))
 
 
-def test_pulses_through_an_outage_of_the_force_destroy_nothing(record):
+def test_pulses_through_an_outage_of_the_force_destroy_nothing(recorded):
     """150 s at 20 Hz without force are more pulses than the window has room for."""
-    take = record(12.0 + 150.0 + 1.5, noise=0.005)
+    take = recorded(12.0 + 150.0 + 1.5, noise=0.005)
     kept = (take.stamp_ns < 12 * SECOND_NS) | (take.stamp_ns >= 162 * SECOND_NS)
     estimate = session_of(TrackingEstimator(TRACKING), take, kept).last
     assert estimate.confidence == 0.95
@@ -200,8 +194,8 @@ def test_pulses_through_an_outage_of_the_force_destroy_nothing(record):
     assert 1e-4 < half < 0.02
 
 
-def test_more_pulses_than_there_is_room_for_are_a_fault(record):
-    take = record(8.0, noise=0.005)
+def test_more_pulses_than_there_is_room_for_are_a_fault(recorded):
+    take = recorded(8.0, noise=0.005)
     estimator = TrackingEstimator(replace(TRACKING, window=2.0))
     take.feed(estimator)
     kept = estimator.estimate(0, {})
@@ -220,8 +214,8 @@ def test_more_pulses_than_there_is_room_for_are_a_fault(record):
 
 
 @pytest.mark.parametrize('gap', [5, 60])
-def test_the_prediction_after_a_gap_stays_near_the_force(gap, record):
-    take = record(10.0 + gap + 3.0, noise=0.005)
+def test_the_prediction_after_a_gap_stays_near_the_force(gap, recorded):
+    take = recorded(10.0 + gap + 3.0, noise=0.005)
     # A drift that the baseline follows with a slope: 0.2 N a second of forces that peak at 7 N
     take.force[:10_000] += 0.2 * 1e-9 * take.stamp_ns[:10_000]
     take.force[10_000:] += 2.0
@@ -232,33 +226,30 @@ def test_the_prediction_after_a_gap_stays_near_the_force(gap, record):
     assert np.abs(session.prediction - session.force)[later].max() < 2.0
 
 
-def test_the_prediction_after_a_jump_stays_near_the_force(record):
-    take = record(10.0, noise=0.005)
+def test_the_prediction_after_a_jump_stays_near_the_force(recorded):
+    take = recorded(10.0, noise=0.005)
     take.force[:] += 0.2 * 1e-9 * take.stamp_ns
     estimator = BatchEstimator(SETTINGS)
     take.feed(estimator)
     estimator.estimate(0, {})
     estimator.forget_pulses()
-    again = record(2.0, noise=0.005, seed=8)
+    again = recorded(2.0, noise=0.005, seed=8)
     again.force[:] += 2.0
-    again = replace(
-        again,
-        onset_ns=again.onset_ns - 3600 * SECOND_NS,
-        stamp_ns=again.stamp_ns - 3600 * SECOND_NS,
-    )
+    hour_ns = 3600 * SECOND_NS
+    again = again._replace(onset_ns=again.onset_ns - hour_ns, stamp_ns=again.stamp_ns - hour_ns)
     prediction = again.feed(estimator)
     assert np.abs(prediction - again.force)[700:].max() < 2.0
 
 
-def test_a_failed_factorisation_is_counted_and_moves_nothing(record):
-    take = record(4.0, noise=0.01)
+def test_a_failed_factorisation_is_counted_and_moves_nothing(recorded):
+    take = recorded(4.0, noise=0.01)
     estimator = BatchEstimator(SETTINGS)
     take.feed(estimator)
     estimator.estimate(0, {})
     gram = estimator._problem.blocks.gram
     before, kept = estimator.linear, gram.copy()
     gram[:] = -1e12 * np.eye(7)
-    more = record(0.1)
+    more = recorded(0.1)
     estimator.update(more.stamp_ns + 4 * SECOND_NS, more.force, np.ones(100, dtype=bool))
     failed = estimator.estimate(0, {})
     np.testing.assert_array_equal(estimator.linear, before)
@@ -266,9 +257,9 @@ def test_a_failed_factorisation_is_counted_and_moves_nothing(record):
     gram[: len(kept)] = kept
 
 
-def test_stamps_are_kept_to_the_nanosecond(record):
+def test_stamps_are_kept_to_the_nanosecond(recorded):
     """In 2026 a float counts steps of 256 ns."""
-    take = record(1.0)
+    take = recorded(1.0)
     late = 1_790_000_000_000_000_001
     estimator = BatchEstimator(SETTINGS)
     estimator.add_pulses(take.onset_ns + late, take.intensity)

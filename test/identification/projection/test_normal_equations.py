@@ -63,8 +63,8 @@ def regressors(take, theta):
 
 
 @pytest.fixture(name='prepared', scope='module')
-def prepared_fixture(record):
-    take = record(1.5, seed=3)
+def prepared_fixture(recorded):
+    take = recorded(1.5, seed=3)
     # intervals of 32 to 68 ms: both kinds of weight
     take.onset_ns[:] += np.random.default_rng(1).integers(
         -9_000_000, 9_000_000, len(take.onset_ns)

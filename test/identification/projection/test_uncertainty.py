@@ -20,14 +20,12 @@ pytestmark = pytest.mark.long
 SETTINGS = ProjectionSettings(basis=LaguerreBasis(7, 38e-3, 0.0))
 
 
-def test_intervals_hold_the_truth(record):
+def test_intervals_hold_the_truth(recorded):
     """Thirty sessions; the 200 of the benchmark give 95 % within a per cent or two."""
     parameters, curve = [], []
     for seed in range(30):
-        take = record(6.0, noise=0.01, seed=seed)
-        estimator = BatchEstimator(SETTINGS)
-        take.feed(estimator)
-        estimate = estimator.estimate(0, {})
+        take = recorded(6.0, noise=0.01, seed=seed)
+        estimate = take.fit(BatchEstimator(SETTINGS))
         width = 1.96 * np.sqrt(np.diag(estimate.nonlinear_covariance))
         parameters.append(np.abs(estimate.nonlinear - [0.48, 0.98, 4.0, 6.0]) <= width)
         held = (estimate.curve_lower <= take.curve) & (take.curve <= estimate.curve_upper)
@@ -37,13 +35,11 @@ def test_intervals_hold_the_truth(record):
     assert np.mean(curve) > 0.82
 
 
-def test_intervals_shrink_with_the_root_of_the_time(record):
+def test_intervals_shrink_with_the_root_of_the_time(recorded):
     widths = []
     for seconds in (4.0, 16.0):
-        take = record(seconds, noise=0.02)
-        estimator = BatchEstimator(SETTINGS)
-        take.feed(estimator)
-        estimate = estimator.estimate(0, {})
+        take = recorded(seconds, noise=0.02)
+        estimate = take.fit(BatchEstimator(SETTINGS))
         widths.append(float(np.mean(estimate.curve_upper - estimate.curve_lower)))
     # A half, give or take what the random intensities of 4 s happen to tell
     assert 1.5 < widths[0] / widths[1] < 3.0
@@ -62,13 +58,11 @@ def test_identifiability_flags_follow_their_rules():
 @pytest.mark.parametrize(
     ('time_constant', 'latency'), [(30e-3, 9e-3), (38.44e-3, 11e-3), (45e-3, 8e-3)]
 )
-def test_physiology_is_read_off_the_response(time_constant, latency, record):
+def test_physiology_is_read_off_the_response(time_constant, latency, recorded):
     recruitment = simulation_subject().recruitment
     subject = Subject(time_constant, latency, recruitment=recruitment)
-    take = record(12.0, subject=subject, noise=0.005)
-    estimator = BatchEstimator(ProjectionSettings(basis=LaguerreBasis(8, 38e-3, 8e-3)))
-    take.feed(estimator)
-    estimate = estimator.estimate(0, {})
+    take = recorded(12.0, subject=subject, noise=0.005)
+    estimate = take.fit(BatchEstimator(ProjectionSettings(basis=LaguerreBasis(8, 38e-3, 8e-3))))
     assert estimate.physiology_names == PHYSIOLOGY_NAMES
     peak = float(subject.pulse_weight(1.0, 20.0) - subject.pulse_weight(0.0, 20.0))
     truth = np.array([time_constant, latency, 3.0, peak])

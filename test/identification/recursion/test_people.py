@@ -39,10 +39,9 @@ def follow(estimator, what, first_s, last_s, cuts=()) -> np.ndarray:
 def test_random_intensities_show_the_curve_within_ten_seconds(session):
     found = session(seed=1)
     estimator = FixedSizeRecursion()
-    found.until(estimator, 0.0, 10.0)
-    estimate = estimator.estimate(0, {})
+    estimate = found.fit(estimator, 10.0)
     # bench/recursion_people.py: worst of 20 seeds below 0.5 %.
-    assert found.error(estimate.curve_force) < 0.01
+    assert found.curve_error(estimate) < 0.01
     assert estimate.confidence == 0.95
     names = dict(zip(estimate.physiology_names, estimate.physiology, strict=True))
     # The twitch of so much data is read to about 1.5 ms.
@@ -50,7 +49,7 @@ def test_random_intensities_show_the_curve_within_ten_seconds(session):
     time_constant, latency = names['twitch_time_constant_s'], names['latency_s']
     assert time_constant == pytest.approx(subject.time_constant, abs=3e-3)
     assert latency == pytest.approx(subject.latency, abs=3e-3)
-    found.until(estimator, 10.0, 20.0)
+    found.feed(estimator, 10.0, 20.0)
     estimate = estimator.estimate(0, {})
     assert (estimate.nonlinear_identifiability[:2] == CONVERGED).all()
     assert estimate.changes == 0
@@ -59,18 +58,14 @@ def test_random_intensities_show_the_curve_within_ten_seconds(session):
 
 def test_a_muscle_without_a_latency_costs_little(session):
     found = session(seed=12, subject=simulation_subject())
-    estimator = FixedSizeRecursion()
-    found.until(estimator, 0.0, 20.0)
     # As the page says: functions that begin 8 ms late bend the curve by 0.4 %.
-    assert found.error(estimator.estimate(0, {}).curve_force) < 0.01
+    assert found.curve_error(found.fit(FixedSizeRecursion(), 20.0)) < 0.01
 
 
 def test_a_slow_sinusoid_shows_the_curve_after_two_periods(session):
     found = session(seed=2, period=18.0, seconds=40.0)
-    estimator = FixedSizeRecursion()
-    found.until(estimator, 0.0, 36.0)
     # bench/recursion_people.py: worst of 20 seeds below 0.5 %.
-    assert found.error(estimator.estimate(0, {}).curve_force) < 0.02
+    assert found.curve_error(found.fit(FixedSizeRecursion(), 36.0)) < 0.02
 
 
 @pytest.mark.long
@@ -79,8 +74,7 @@ def test_intervals_hold_the_truth(session):
     for seed in range(6):
         found = session(seed=seed, period=(None, 9.0)[seed % 2], seconds=15.0)
         estimator = FixedSizeRecursion()
-        found.until(estimator, 0.0, 15.0)
-        estimate = estimator.estimate(0, {})
+        estimate = found.fit(estimator, 15.0)
         inside = (estimate.curve_lower <= found.curve) & (found.curve <= estimate.curve_upper)
         held.append(inside[5:].mean())
         width.append((estimate.curve_upper - estimate.curve_lower).max() / found.curve.max())
@@ -130,7 +124,7 @@ def test_blocks_and_a_saved_state_change_no_bit_where_the_muscle_changes(living_
 def test_blocks_change_no_bit(session, cuts):
     found = session(seed=4, seconds=2.0)
     whole, cut = FixedSizeRecursion(), FixedSizeRecursion()
-    expected = found.until(whole, 0.0, 2.0)
+    expected = found.feed(whole, 0.0, 2.0)
     cut.add_pulses(found.onset_ns, found.intensity)
     usable = np.ones(len(found.force), dtype=np.bool_)
     parts = [
@@ -143,10 +137,10 @@ def test_blocks_change_no_bit(session, cuts):
 
 def test_a_prediction_knows_nothing_of_its_own_or_later_samples(session):
     found = session(seed=5, seconds=4.0)
-    expected = found.until(FixedSizeRecursion(), 0.0, 4.0)
+    expected = found.feed(FixedSizeRecursion(), 0.0, 4.0)
     force = found.force.copy()
     force[2000:] = 99.0
-    prediction = found._replace(force=force).until(FixedSizeRecursion(), 0.0, 4.0)
+    prediction = found._replace(force=force).feed(FixedSizeRecursion(), 0.0, 4.0)
     np.testing.assert_array_equal(prediction[:2001], expected[:2001])
     assert prediction[2300] != expected[2300]
 
@@ -154,10 +148,10 @@ def test_a_prediction_knows_nothing_of_its_own_or_later_samples(session):
 def test_a_state_goes_on_bit_for_bit(session):
     found = session(seed=6, seconds=6.0)
     whole, first, second = FixedSizeRecursion(), FixedSizeRecursion(), FixedSizeRecursion()
-    expected = found.until(whole, 0.0, 6.0)
-    found.until(first, 0.0, 3.0)
+    expected = found.feed(whole, 0.0, 6.0)
+    found.feed(first, 0.0, 3.0)
     second.restore(first.state())
-    assert found.until(second, 3.0, 6.0).tobytes() == expected[3000:].tobytes()
+    assert found.feed(second, 3.0, 6.0).tobytes() == expected[3000:].tobytes()
     other = FixedSizeRecursion(dataclasses.replace(PEOPLE, memory_time=20.0))
     with pytest.raises(IdentificationError, match=r'memory_time 20\.0, as it is set here, got 40'):
         other.restore(first.state())
@@ -170,9 +164,8 @@ def test_a_state_goes_on_bit_for_bit(session):
 def test_silence_and_pulses_of_nothing_forget_nothing(session):
     found = session(seed=7, seconds=72.0, rest_from=12.0)
     estimator = FixedSizeRecursion()
-    found.until(estimator, 0.0, 12.0)
-    before = estimator.estimate(0, {})
-    found.until(estimator, 12.0, 72.0)
+    before = found.fit(estimator, 12.0)
+    found.feed(estimator, 12.0, 72.0)
     after = estimator.estimate(0, {})
     distance = np.abs(after.curve_force - before.curve_force).max() / before.curve_force.max()
     # The tail of the last pulses still says a little.
@@ -184,7 +177,7 @@ def test_one_intensity_gives_no_curve(session):
     found = session(seed=8, seconds=5.0)
     same = found._replace(intensity=np.full(len(found.intensity), 0.8))
     estimator = FixedSizeRecursion()
-    same.until(estimator, 0.0, 5.0)
+    same.feed(estimator, 0.0, 5.0)
     assert not estimator.estimate(0, {}).curve_known
 
 
@@ -203,7 +196,7 @@ def test_intensities_below_the_threshold_do_not_inform(session):
         force=0.05 * np.random.default_rng(2).standard_normal(len(found.force)),
     )
     estimator = FixedSizeRecursion()
-    low.until(estimator, 0.0, 10.0)
+    low.feed(estimator, 0.0, 10.0)
     flags = estimator.estimate(0, {}).nonlinear_identifiability
     assert (flags[1:] == NOT_INFORMED).all()
 
@@ -211,7 +204,7 @@ def test_intensities_below_the_threshold_do_not_inform(session):
 def test_a_jump_of_the_clock_costs_the_pulses_that_act_alone(session):
     found = session(seed=10, seconds=20.0)
     estimator = FixedSizeRecursion()
-    found.until(estimator, 0.0, 10.0)
+    found.feed(estimator, 0.0, 10.0)
     # a time before the jump is none after it
     estimator._test.changes, estimator._test.changed_ns = 1, 9_000_000_000
     assert estimator.estimate(10_000_000_000, {}).change_ago == [1.0]
@@ -227,17 +220,17 @@ def test_a_jump_of_the_clock_costs_the_pulses_that_act_alone(session):
     estimator.update(back.stamp_ns[later], back.force[later], np.ones(9000, dtype=np.bool_))
     estimate = estimator.estimate(0, {})
     assert math.isfinite(estimate.output_error)
-    assert found.error(estimate.curve_force) < 0.01
+    assert found.curve_error(estimate) < 0.01
 
 
 def test_a_matrix_without_a_factor_is_counted(session):
     found = session(seed=11, seconds=4.0)
     estimator = FixedSizeRecursion()
-    found.until(estimator, 0.0, 2.0)
+    found.feed(estimator, 0.0, 2.0)
     before = estimator.parameters
     # What overwritten memory would leave.
     estimator._memory.gram[:] = -1e6 * np.eye(len(estimator._memory.gram))
-    found.until(estimator, 2.0, 2.2)
+    found.feed(estimator, 2.0, 2.2)
     assert estimator.parameters == before
     assert estimator.estimate(0, {}).faults['factorisation_failed'] > 0
 
@@ -258,7 +251,7 @@ def test_samples_are_predicted_as_they_will_be_taken(session):
     found = session(seed=15, seconds=8.0)
     estimator = FixedSizeRecursion()
     assert (estimator.predict(found.stamp_ns[:10]) == 0.0).all()
-    found.until(estimator, 0.0, 6.0)
+    found.feed(estimator, 0.0, 6.0)
     # nothing is learnt any more: no parameter moves
     none = np.zeros(1000, dtype=np.bool_)
     for first in (6, 7):
