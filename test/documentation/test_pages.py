@@ -1,21 +1,30 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What the pages of the site refer to is there; what is generated holds everything."""
+"""What pages refer to is there, what is generated holds everything, examples run."""
 
 import ast
+import dataclasses
+import doctest
+import importlib
 import importlib.util
+import inspect
 import json
 import os
 import re
 import sys
 from collections.abc import Iterator
+from dataclasses import fields
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
 from rpms_ros.cli import COMMANDS
+from rpms_ros.identification import DistortedSineBasis, catalogue
 from rpms_ros.identification.quality.doubts import MEANING, REASON
+from rpms_ros.identification.stream import sensor_checks
+from rpms_ros.muscle import IntensityRecruitment, RecruitmentParameters
+from rpms_ros.stimulation.devices import registry
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / 'docs'
@@ -89,3 +98,101 @@ def test_the_reference_holds_every_command_parameter_and_message():
     schema = json.loads((DOCS / 'identify.schema.json').read_text())
     for key in schema['properties']:
         assert f'| `{key}` |' in pages['schema']
+
+
+PAGE = (ROOT / 'CONTRIBUTING.md').read_text(encoding='utf-8')
+WALKS = dict(re.findall(r'## (A new [^\n]+)\n(.*?)(?=\n## |\Z)', PAGE, re.DOTALL))
+PLACE = re.compile(r'`((?:test|docs|rpms_ros|msg_defs|identification|tools)/[\w/.*]*\w)`')
+
+
+@pytest.mark.parametrize('title', WALKS)
+def test_every_file_is_there(title):
+    for place in PLACE.findall(WALKS[title]):
+        folder = ROOT / 'rpms_ros' if place.startswith('identification/') else ROOT
+        assert list(folder.glob(place)), place
+
+
+@pytest.mark.parametrize('title', WALKS)
+def test_every_dotted_name_is_there(title):
+    for name in re.findall(r'`(rpms_ros(?:\.\w+)+)`', WALKS[title]):
+        if name in (catalogue.GROUP, sensor_checks.GROUP, registry.GROUP):
+            continue
+        module, _, member = name.rpartition('.')
+        assert hasattr(importlib.import_module(module), member), name
+
+
+def test_groups_and_options_are_named():
+    estimator, monitor = WALKS['A new estimator'], WALKS['A new monitor']
+    assert f'"{catalogue.GROUP}"' in estimator
+    assert f'`{sensor_checks.GROUP}`' in monitor
+    for field in fields(catalogue.EstimatorOptions):
+        assert f'`{field.name}`' in estimator, field.name
+
+
+MODULES = [
+    '.'.join(path.relative_to(ROOT).with_suffix('').parts).removesuffix('.__init__')
+    for path in sorted((ROOT / 'rpms_ros').rglob('*.py'))
+    if '>>> ' in path.read_text(encoding='utf-8')
+]
+
+
+@pytest.mark.parametrize('module', MODULES)
+def test_examples(module, monkeypatch):
+    # examples name files as somebody in the repository does
+    monkeypatch.chdir(ROOT)
+    failed, attempted = doctest.testmod(importlib.import_module(module))
+    assert attempted > 0
+    assert failed == 0
+
+
+ROW = re.compile(r'^\| [^|]+ \| `(?P<name>[\w.]+)(?:\((?P<argument>\w+)\))?` \| [^|]+ \| ', re.M)
+GLOSSARY = (ROOT / 'docs/glossary.md').read_text(encoding='utf-8')
+TEST = re.compile(r'`(test/[\w/]+\.py)::(\w+)`')
+MODEL = (ROOT / 'docs/model.md').read_text(encoding='utf-8')
+
+
+def resolve(name) -> object:
+    """Return what a dotted name below the package stands for; a field for one of a class."""
+    module, *attributes = name.split('.')
+    found: object = importlib.import_module(f'rpms_ros.{module}')
+    for attribute in attributes:
+        fields = getattr(found, '__dataclass_fields__', {})
+        found = fields[attribute] if attribute in fields else getattr(found, attribute)
+    return found
+
+
+@pytest.mark.parametrize(('name', 'argument'), ROW.findall(GLOSSARY))
+def test_names_of_the_glossary_exist(name, argument):
+    found = resolve(name)
+    assert not argument or argument in inspect.signature(found).parameters  # type: ignore[arg-type]
+
+
+def test_every_row_of_the_glossary_is_understood():
+    rows = [line for line in GLOSSARY.splitlines() if line.startswith('| ') and '`' in line]
+    assert len(ROW.findall(GLOSSARY)) == len(rows) > 40
+
+
+@pytest.mark.parametrize(
+    ('owner', 'names'),
+    [
+        (
+            'muscle.IntensityRecruitment',
+            [field.name for field in dataclasses.fields(IntensityRecruitment)],
+        ),
+        ('muscle.RecruitmentParameters', list(RecruitmentParameters._fields)),
+        (
+            'identification.DistortedSineBasis',
+            [field.name for field in dataclasses.fields(DistortedSineBasis)],
+        ),
+    ],
+)
+def test_parameters_with_a_letter_are_in_the_glossary(owner, names):
+    listed = {name for name, _ in ROW.findall(GLOSSARY)}
+    assert {f'{owner}.{name}' for name in names} <= listed
+
+
+def test_every_number_of_the_model_has_a_test():
+    references = TEST.findall(MODEL)
+    assert len(references) > 25
+    for path, function in references:
+        assert f'def {function}(' in (ROOT / path).read_text(encoding='utf-8'), function

@@ -1,6 +1,8 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Estimators by name, one from outside of the package; their settings and what is refused."""
+"""Estimators by name; estimators and monitors from outside of the package."""
+
+import sys
 
 import numpy as np
 import pytest
@@ -9,10 +11,13 @@ from rpms_ros.errors import IdentificationError
 from rpms_ros.identification import (
     TABLE_4,
     TABLE_5,
+    ModifiedRecursiveLM,
+    StreamSettings,
+    identify,
     settings_by_name,
 )
 from rpms_ros.identification.catalogue import estimator_by_name, estimator_names
-from rpms_ros.identification.session import identify
+from rpms_ros.identification.stream.sensor_checks import monitors_by_name
 from rpms_ros.pulses import ForceTrace, PulseTrain
 
 MODULE = '''
@@ -71,13 +76,13 @@ not_callable = 7
 def install_fixture(tmp_path, monkeypatch):
     """Put a distribution with these entry points on the path."""
 
-    def install(entry_points, name='acme_estimators'):
+    def install(entry_points, name='acme_estimators', kind='estimators', module=MODULE):
         folder = tmp_path / name
         metadata = folder / f'{name}-1.0.dist-info'
         metadata.mkdir(parents=True)
-        (folder / f'{name}.py').write_text(MODULE)
+        (folder / f'{name}.py').write_text(module)
         (metadata / 'METADATA').write_text(f'Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n')
-        text = f'[rpms_ros.estimators]\n{entry_points}\n'
+        text = f'[rpms_ros.{kind}]\n{entry_points}\n'
         (metadata / 'entry_points.txt').write_text(text)
         monkeypatch.syspath_prepend(folder)
 
@@ -141,3 +146,83 @@ def test_presets_by_name():
     assert settings_by_name('paper_table_5') is TABLE_5
     with pytest.raises(IdentificationError, match=r"expected a preset of people, .* got 'x'"):
         settings_by_name('x')
+
+
+MONITORS = '''
+"""Names force below zero, which no muscle on this rig gives."""
+
+from rpms_ros.identification.stream.monitors import Monitor
+
+
+class Push(Monitor):
+    """Names `push`."""
+
+    faults = {'push': 'force samples below -5 N; not learnt from'}
+    doubtful = {'push': 0.1}
+    seen = []
+
+    def examine(self, window):
+        cell = window.force[window.first : window.last]
+        return {'push': cell < -5.0}
+
+    def processed(self, samples):
+        self.seen.append(len(samples.prediction))
+        return {}
+
+    def estimated(self, estimate):
+        self.seen.append(estimate.stamp_ns)
+
+
+class Careless(Monitor):
+    """Fails."""
+
+    def examine(self, window):
+        raise RuntimeError('no')
+
+
+def no_monitor():
+    return 3
+'''
+
+
+@pytest.fixture
+def package(install, monkeypatch):
+    """An installed package with three monitors."""
+    found = {'push': 'Push', 'careless': 'Careless', 'none': 'no_monitor'}
+    points = '\n'.join(f'{name} = rig_monitors:{one}' for name, one in found.items())
+    install(points, 'rig_monitors', 'monitors', MONITORS)
+    monkeypatch.delitem(sys.modules, 'rig_monitors', raising=False)
+
+
+@pytest.mark.usefixtures('package')
+def test_a_monitor_of_another_package_examines_and_hears_everything(record):
+    pulses, forces = record(np.random.default_rng(7).uniform(size=60))
+    forces.force[2000:2400] = -6.0
+    chosen = StreamSettings(monitors=('push',))
+    session = identify(ModifiedRecursiveLM(), pulses, forces, chosen)
+    # the pulse in between neither was nor is unknown: these samples alone are left out
+    assert session.last.faults == {'push': 400, 'samples_excluded': 400}
+    assert session.last.doubts[0] == 'push'
+    assert not session.usable[2000:2400].any()
+    import rig_monitors
+
+    seen = rig_monitors.Push.seen
+    assert sum(number for number in seen if number <= 100) == 3000
+    assert seen[-1] == session.last.stamp_ns
+
+
+@pytest.mark.usefixtures('package')
+def test_a_monitor_that_fails_is_taken_out_and_named(record):
+    pulses, forces = record(np.random.default_rng(7).uniform(size=20))
+    chosen = StreamSettings(monitors=('careless', 'spikes'))
+    session = identify(ModifiedRecursiveLM(), pulses, forces, chosen)
+    assert session.last.faults == {'monitor_failed': 1}
+    assert session.usable.all()
+
+
+@pytest.mark.usefixtures('package')
+def test_what_is_no_monitor_is_refused():
+    with pytest.raises(IdentificationError, match=r'expected a Monitor behind .* none, got int'):
+        monitors_by_name(['none'])
+    with pytest.raises(IdentificationError, match=r'expected monitors of .*push.*, got .pish.'):
+        monitors_by_name(['pish'])
