@@ -40,12 +40,6 @@ def test_a_grid_of_any_phase_meets_exactly_the_memory(phase, memory):
     np.testing.assert_array_equal((values != 0.0)[clear], inside[clear])
 
 
-def test_it_vanishes_outside_its_support():
-    basis = DistortedSineBasis()
-    outside = basis.evaluate([-0.1, 0.0, 0.5e-3, basis.duration + 1e-6, 10.0])
-    np.testing.assert_array_equal(outside, 0.0)
-
-
 def test_dependent_functions_are_refused():
     basis = DistortedSineBasis(functions=60, form_factor=1e-3)
     with pytest.raises(IdentificationError, match='expected a form factor that keeps 60 func'):

@@ -18,7 +18,6 @@ from rpms_ros.identification.model.levenberg_marquardt import (
     minimiser,
     solve_positive,
 )
-from rpms_ros.identification.recursion import people_kernel
 
 TIME = np.linspace(0.0, 2.0, 41)
 ENDING = Ending(60, 1e-12, 1e-18)
@@ -148,12 +147,6 @@ def test_parameters_that_are_free_make_up_for_those_that_are_held():
     assert bounded_step(hessian, gradient, 0.0, np.array([-1.0, -9.0]), np.ones(2), change)
     # unbounded it is (8/3, -4/3); with the first held at 1 the second one is -1/2
     np.testing.assert_allclose(change, (1.0, -0.5))
-
-
-def test_what_is_compiled_for_a_model_is_kept_apart_from_other_models():
-    """numba's index of a function is read as a whole, with the types of all who used it."""
-    names = {compiled.py_func.__qualname__ for compiled in (fit_decay, people_kernel.improve)}
-    assert names == {f'minimise.{linearise.__module__}', f'minimise.{people_kernel.__name__}'}
 
 
 squares = st.integers(1, 5).flatmap(

@@ -92,22 +92,6 @@ def test_off_the_grid_it_is_the_direct_sum(onsets, stamp_ns):
     assert recruits
 
 
-def test_the_gradient_is_that_of_central_differences():
-    generator = np.random.default_rng(2)
-    onset = np.arange(7) * 50 * MILLISECOND
-    intensity = generator.uniform(size=7)
-    theta = np.array(PARAMETERS)
-    _, gradient, _ = sums(310 * MILLISECOND, onset, intensity, theta)
-    for place in range(3):
-        step = np.zeros(4)
-        step[place] = 1e-5
-        above, _, _ = sums(310 * MILLISECOND, onset, intensity, theta + step)
-        below, _, _ = sums(310 * MILLISECOND, onset, intensity, theta - step)
-        expected = (above - below) / 2e-5
-        # rounding 1e-16 / 1e-5, cut-off (1e-5)^2 times third derivatives of some hundred
-        np.testing.assert_allclose(BASIS.mixing @ gradient[place], expected, atol=1e-7)
-
-
 def test_a_pulse_without_intensity_does_not_recruit():
     phi, gradient, recruits = sums(10_000_000, np.array([0]), np.zeros(1), np.array(PARAMETERS))
     assert not recruits

@@ -57,15 +57,6 @@ def test_a_prediction_knows_nothing_of_its_own_or_later_samples(record):
     assert prediction[801] != expected[801]
 
 
-def test_a_pulse_acts_only_after_its_onset(record):
-    pulses, forces = record(uniform(30))
-    _, expected = fed(pulses, forces)
-    pulses.intensity[16] = 0.123
-    _, prediction = fed(pulses, forces)
-    np.testing.assert_array_equal(prediction[:801], expected[:801])
-    assert not np.array_equal(prediction[801:], expected[801:])
-
-
 def test_a_minute_of_silence_changes_nothing(record):
     pulses, forces = record(uniform(40))
     estimator, _ = fed(pulses, forces)

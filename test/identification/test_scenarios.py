@@ -116,23 +116,9 @@ def no_force():
 
 
 class Expected(NamedTuple):
-    """What a scenario asks for.
-
-    Attributes
-    ----------
-    make : callable
-        Makes the recording.
-    faults : frozenset of str
-        What is counted.
-    error : float
-        Worst error of the curve for the estimators with intervals, relative; infinite if unknown.
-    coverage : float
-        Least share of the curve inside its 95 % interval; 0 where the model does not hold.
-    settled : bool
-        Whether all parameters may be flagged as converged.
-    may : set of str
-        What may be counted as well, by how well the estimator predicts.
-    """
+    """What a scenario asks for: faults that are counted, and that may be; of estimators with
+    intervals the worst relative error of the curve, the least share of it inside its interval, and
+    whether all parameters may be flagged as converged."""
 
     make: Callable[[], Recording]
     faults: frozenset[str] = frozenset()
@@ -202,14 +188,7 @@ def test_scenario(name, scenario):
         lower, upper = estimate.curve_lower[5:], estimate.curve_upper[5:]
         held = (lower <= recording.curve[5:]) & (recording.curve[5:] <= upper)
         assert held.mean() >= expected.coverage
-
-
-@pytest.mark.parametrize('scenario', ['steady', 'silence', 'gap'])
-@pytest.mark.parametrize('name', ['batch', 'tracking'])
-def test_widths_are_not_a_way_out(name, scenario):
-    """Intervals that hold the truth because they hold everything are none."""
-    recording = made(scenario)
-    estimate = identify(fresh(name), recording.pulses, recording.forces).last
-    half = (estimate.curve_upper - estimate.curve_force).max() / recording.curve.max()
-    # Ten seconds at 0.2 % noise tell the curve to about 0.1 %.
-    assert half < 0.02
+    if scenario in ('steady', 'silence', 'gap') and name in ('batch', 'tracking'):
+        # not by being wide: ten seconds at 0.2 % noise tell the curve to about 0.1 %
+        half = (estimate.curve_upper - estimate.curve_force).max() / recording.curve.max()
+        assert half < 0.02

@@ -183,12 +183,6 @@ def test_pulses_of_another_session_are_not_good(trial):
     assert judged((replace(pulses, intensity=other), forces)).grade == 'no'
 
 
-def test_no_pulse_is_not_good(trial):
-    pulses, forces = trial
-    silent = replace(pulses, intensity=np.zeros(len(pulses)))
-    assert judged((silent, forces)).line == 'no: there is no pulse above intensity 0'
-
-
 @pytest.mark.long
 @pytest.mark.parametrize('seed', [1, 2, 3])
 def test_the_paper_s_recursion_is_not_called_good_where_it_is_absurd(seed):

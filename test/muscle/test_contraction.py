@@ -133,21 +133,6 @@ def test_a_pulse_from_before_the_window_acts_at_its_own_time():
     np.testing.assert_allclose(stream.force(stamp_ns), expected, rtol=1e-12, atol=1e-12)
 
 
-@pytest.mark.parametrize('rate_hz', [15.0, 20.0, 25.0, 35.0])
-def test_a_long_train_reaches_the_steady_mean_force(rate_hz):
-    subject = average_subject()
-    train = PulseTrain.regular(np.full(200, 0.9), rate_hz)
-    contraction = Contraction(subject)
-    contraction.add_pulses(train.onset_ns, train.intensity)
-    period_ns = NANOSECONDS_PER_SECOND / rate_hz
-    start_ns = train.onset_ns[-1]
-    # The last pulse acts after its latency: these are the 400 phases of the period before.
-    phase = start_ns + np.rint(np.arange(400) / 400 * period_ns).astype(np.int64)
-    mean = contraction.force(phase + round(subject.latency * 1e9)).mean()
-    # The mean of a periodic smooth function over equal steps; the rounding to 1 ns remains.
-    assert mean == pytest.approx(float(subject.steady_force(0.9, rate_hz)), rel=1e-6)
-
-
 @pytest.mark.parametrize('intensity', [-0.01, 1.01, float('nan'), float('inf')])
 def test_a_bad_intensity_adds_nothing(intensity):
     contraction = Contraction(average_subject())

@@ -44,15 +44,6 @@ def test_the_ends_tell_whether_a_curve_rises(shape):
         assert 0 in falls or len(steps) - 1 in falls
 
 
-def test_a_curve_may_dip_below_zero_or_fall_towards_full_intensity():
-    dipping = IntensityRecruitment(0.662, 0.874, 6.0, 3.8).normalised()
-    falling = IntensityRecruitment(0.7, 0.8, 4.5, 17.0).normalised()
-    assert not dipping.rises
-    assert not falling.rises
-    assert dipping(0.1) < 0.0
-    assert falling(0.9) > 1.0
-
-
 @given(shapes, st.floats(0.0, 1.0))
 def test_normalising_fixes_both_ends_and_keeps_the_shape(shape, intensity):
     unit = shape.normalised()

@@ -2,12 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Subjects, what one pulse adds to the force, the twitch and the sum of many."""
 
-import math
-
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from scipy.integrate import quad
 
 from rpms_ros.muscle import (
     SUBJECTS,
@@ -17,8 +14,6 @@ from rpms_ros.muscle import (
     simulation_subject,
     steady_mean,
     subject_by_name,
-    twitch,
-    twitch_area,
 )
 
 EVERY_INTENSITY = np.linspace(0.0, 1.0, 101)
@@ -56,34 +51,3 @@ def test_slow_pulses_weigh_all_the_same(rate_hz):
     assert subject.steady_force(0.8, rate_hz) == pytest.approx(
         float(subject.steady_force(0.8, 15.0)) * rate_hz / 15.0, rel=1e-13
     )
-
-
-time_constants = st.floats(5e-3, 0.2)
-orders = st.floats(1.0, 6.0)
-
-
-@given(time_constants, st.floats(1.01, 6.0))
-def test_the_peak_is_one_and_lies_after_n_minus_1_time_constants(time_constant, order):
-    peak_time = (order - 1.0) * time_constant
-    # Rounding in exponent and power.
-    assert twitch(peak_time, time_constant, order) == pytest.approx(1.0, rel=1e-13)
-    around = twitch(peak_time * np.linspace(0.0, 5.0, 1001), time_constant, order)
-    assert around.max() <= 1.0 + 1e-13
-
-
-@given(time_constants, orders)
-def test_area_is_the_integral(time_constant, order):
-    integral = quad(
-        lambda scaled: float(twitch(scaled * time_constant, time_constant, order)),
-        0.0,
-        60.0,
-        epsabs=1e-12,
-        epsrel=1e-12,
-        limit=200,
-    )[0]
-    # The quadrature meets a root singularity at 0 if the order is not whole.
-    area = twitch_area(time_constant, order)
-    assert area == pytest.approx(integral * time_constant, rel=1e-7)
-    assert steady_mean(20.0, time_constant, order) == 20.0 * area
-    # rounding
-    assert twitch_area(time_constant) == pytest.approx(time_constant * math.e**2 / 2, rel=1e-14)

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Equations 12 to 31: every step of the recursion against plain NumPy."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,6 @@ from rpms_ros.identification import (
     TABLE_4,
     DistortedSineBasis,
     ModifiedRecursiveLM,
-    RecursiveSettings,
 )
 from rpms_ros.identification.recursion.paper_kernel import RecursionState, _judge, _update_linear
 from rpms_ros.muscle import (
@@ -50,88 +50,34 @@ def copied(state) -> RecursionState:
     return RecursionState(*(part.copy() for part in state))
 
 
-@dataclass(frozen=True)
-class Step:
-    """One sample: the state before and after, and what the equations need."""
-
-    settings: RecursiveSettings
-    before: RecursionState
-    after: RecursionState
-    stamp_ns: int
-    force: float
-    prediction: float
-
-    @property
-    def regressor(self) -> FloatArray:
-        return regressors(self.stamp_ns, self.before.theta)[0]
-
-    @property
-    def error(self) -> float:
-        return self.force - self.prediction
-
-    @property
-    def denominator(self) -> float:
-        """Lambda + phi^T P phi."""
-        phi = self.regressor
-        return float(self.settings.forgetting + phi @ self.before.covariance @ phi)
-
-    @property
-    def factor(self) -> float:
-        """What makes a residual a-posteriori, if the derivative is projected."""
-        return self.settings.forgetting / self.denominator if self.settings.projected else 1.0
-
-    @property
-    def innovation(self) -> FloatArray:
-        """The derivative less what the linear regressors say of it."""
-        phi, slope = regressors(self.stamp_ns, self.before.theta)
-        return slope.T @ self.before.linear - self.before.projection @ phi
-
-    @property
-    def derivative(self) -> FloatArray:
-        if self.settings.projected:
-            return self.innovation
-        return regressors(self.stamp_ns, self.before.theta)[1].T @ self.before.linear
-
-    @property
-    def gradient(self) -> FloatArray:
-        return self.factor * self.derivative * self.error
-
-    @property
-    def damping(self) -> float:
-        """Delta after the rule of the condition number."""
-        damping = float(self.before.scalars['damping'][0])
-        ill = self.condition > self.settings.condition_limit
-        return damping + self.settings.damping_increment if ill else damping
-
-    @property
-    def condition(self) -> float:
-        damping = self.before.scalars['damping'][0]
-        return float(np.linalg.cond(self.after.hessian + damping * np.eye(3)))
-
-    @property
-    def update(self) -> FloatArray:
-        return np.linalg.solve(self.after.hessian + self.damping * np.eye(3), self.gradient)
-
-    @property
-    def inside(self) -> bool:
-        """Whether the bounds leave the step alone."""
-        candidate = RecruitmentParameters(*(self.before.theta[:3] + self.update))
-        return self.settings.bounds.hold(candidate)
-
-    @property
-    def gain_ratio(self) -> float:
-        """Gamma of Eq. (28), for a step inside the bounds."""
-        trial = np.append(self.before.theta[:3] + self.update, self.before.theta[3])
-        linear = self.after.linear
-        old = self.force - self.regressor @ linear
-        new = self.force - regressors(self.stamp_ns, trial)[0] @ linear
-        predicted = self.gradient @ self.update
-        predicted -= 0.5 * self.update @ self.after.hessian @ self.update
-        return float(0.5 * (old**2 - new**2) / predicted)
+def step_of(settings, before, after, stamp_ns, force, prediction) -> SimpleNamespace:
+    """Return one sample: the state before and after, and what the equations need."""
+    theta, linear = before.theta, before.linear
+    regressor, slope = regressors(stamp_ns, theta)
+    error = force - prediction
+    denominator = float(settings.forgetting + regressor @ before.covariance @ regressor)
+    # the derivative less what the linear regressors say of it, and the factor that makes its
+    # residual a-posteriori
+    innovation = slope.T @ linear - before.projection @ regressor
+    factor = settings.forgetting / denominator if settings.projected else 1.0
+    derivative = innovation if settings.projected else slope.T @ linear
+    gradient = factor * derivative * error
+    # delta after the rule of the condition number
+    damping = float(before.scalars['damping'][0])
+    condition = float(np.linalg.cond(after.hessian + damping * np.eye(3)))
+    damping += settings.damping_increment if condition > settings.condition_limit else 0.0
+    update = np.linalg.solve(after.hessian + damping * np.eye(3), gradient)
+    # whether the bounds leave the step alone; gamma of Eq. (28) if they do
+    inside = settings.bounds.hold(RecruitmentParameters(*(theta[:3] + update)))
+    trial = regressors(stamp_ns, np.append(theta[:3] + update, theta[3]))[0]
+    old, new = force - regressor @ after.linear, force - trial @ after.linear
+    predicted = gradient @ update - 0.5 * update @ after.hessian @ update
+    gain_ratio = float(0.5 * (old**2 - new**2) / predicted) if inside else np.nan
+    return SimpleNamespace(**locals())
 
 
 @pytest.fixture(scope='module', params=[True, False], ids=['projected', 'plain'])
-def steps(request) -> list[Step]:
+def steps(request):
     """Single samples taken out of a running recursion."""
     settings = replace(TABLE_4, projected=request.param)
     estimator = ModifiedRecursiveLM(settings)
@@ -144,16 +90,8 @@ def steps(request) -> list[Step]:
         before = copied(estimator._state)
         here = slice(index, index + 1)
         prediction = estimator.update(STAMP_NS[here], force[here], usable[here])
-        taken.append(
-            Step(
-                settings,
-                before,
-                copied(estimator._state),
-                int(STAMP_NS[index]),
-                float(force[index]),
-                float(prediction[0]),
-            )
-        )
+        after, sample = copied(estimator._state), (int(STAMP_NS[index]), float(force[index]))
+        taken.append(step_of(settings, before, after, *sample, float(prediction[0])))
     return taken
 
 

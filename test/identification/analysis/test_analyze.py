@@ -87,19 +87,32 @@ def sentence(found, part):
     return line
 
 
-def test_no_pulses():
-    found = analyze(PulseTrain.of([]), force_of(singles(2)))
-    assert sentence(found, 'there are no pulses: the muscle cannot be analysed')
-    assert found.contents == {}
-    assert found.samples > 0
+NONE = PulseTrain.of([])
+SILENT = replace(singles(), intensity=np.zeros(12))
+UNKNOWN = replace(singles(), intensity=np.full(12, np.nan))
+MODULATED = PulseTrain.regular(
+    np.random.default_rng(0).uniform(0, 1, 60), 20.0, start_ns=1_000_000_000
+)
 
 
-def test_no_artifact():
-    pulses = singles()
-    found = analyze(pulses, force_of(pulses, artifact=0.0))
-    assert sentence(found, 'no stimulation artifact')
-    assert found.twitches.crossing_latency.reference == 'stamp'
-    assert len(found.twitches.fits) == 12
+@pytest.mark.parametrize(
+    ('pulses', 'given', 'artifact', 'fits', 'said'),
+    [
+        (NONE, singles(2), 1.0, 0, 'there are no pulses: the muscle cannot be analysed'),
+        (singles(), singles(), 0.0, 12, 'no stimulation artifact'),
+        (UNKNOWN, singles(), 1.0, 12, 'the intensity of 12 of 12 pulses is not recorded'),
+        (singles(), SILENT, 1.0, 0, 'qualifies (12 x peak below 8 x noise'),
+        (MODULATED, MODULATED, 1.0, 0, 'use `rpms identify` for them'),
+    ],
+)
+def test_what_is_missing_is_said(pulses, given, artifact, fits, said):
+    found = analyze(pulses, force_of(given, artifact=artifact))
+    assert sentence(found, said)
+    assert (len(found.twitches.fits) if found.twitches else 0) == fits
+    if not artifact:
+        assert found.twitches.crossing_latency.reference == 'stamp'
+    if pulses is UNKNOWN:
+        assert np.isnan(found.twitches.latency.rows[0].intensity)
 
 
 def test_a_saturated_sensor_leaves_the_weaker_twitches():
@@ -132,15 +145,6 @@ def test_trains_that_overlap_are_said_and_the_rest_is_analysed():
     found = analyze(pulses, force_of(pulses))
     assert sentence(found, 'begin before the train before has decayed')
     assert len(found.twitches.fits) == 6
-
-
-def test_an_intensity_that_is_not_recorded():
-    pulses = singles()
-    unknown = replace(pulses, intensity=np.full(12, np.nan))
-    found = analyze(unknown, force_of(pulses))
-    assert sentence(found, 'the intensity of 12 of 12 pulses is not recorded')
-    assert len(found.twitches.fits) == 12
-    assert np.isnan(found.twitches.latency.rows[0].intensity)
 
 
 def test_levels_of_unknown_intensity_tell_no_recruitment():
@@ -182,16 +186,6 @@ def test_force_that_is_missing_costs_only_its_twitch(first_ns, last_ns, reason):
     assert len(found.twitches.fits) == 11
 
 
-def test_pulses_without_an_answer():
-    pulses = singles()
-    silent = replace(pulses, intensity=np.zeros(12))
-    found = analyze(pulses, force_of(silent))
-    assert '12 x peak below 8 x noise' in sentence(
-        found, 'no response to a single pulse qualifies'
-    )
-    assert found.twitches is None
-
-
 @pytest.mark.parametrize(
     'pulses', [singles(2), PulseTrain.regular(np.ones(5), 50.0, start_ns=1_000_000_000)]
 )
@@ -211,12 +205,6 @@ def test_clocks_that_differ_are_put_right():
     assert sentence(found, 'the clocks of sensor and stimulator differ by')
     # half a sample remains unknown
     assert found.twitches.shared.latency == pytest.approx(SUBJECT.latency, abs=0.5e-3)
-
-
-def test_modulated_trains_are_left_to_identification():
-    random = np.random.default_rng(0).uniform(0, 1, 60)
-    pulses = PulseTrain.regular(random, 20.0, start_ns=1_000_000_000)
-    assert sentence(analyze(pulses, force_of(pulses)), 'use `rpms identify` for them')
 
 
 def test_order_of_samples_and_pulses_does_not_matter(twitch_session):

@@ -255,13 +255,3 @@ def test_a_failed_factorisation_is_counted_and_moves_nothing(recorded):
     np.testing.assert_array_equal(estimator.linear, before)
     assert failed.faults['factorisation_failed'] > 0
     gram[: len(kept)] = kept
-
-
-def test_stamps_are_kept_to_the_nanosecond(recorded):
-    """In 2026 a float counts steps of 256 ns."""
-    take = recorded(1.0)
-    late = 1_790_000_000_000_000_001
-    estimator = BatchEstimator(SETTINGS)
-    estimator.add_pulses(take.onset_ns + late, take.intensity)
-    estimator.update(take.stamp_ns + late, take.force, np.ones(1000, dtype=bool))
-    assert estimator._intake.previous_ns[0] == take.stamp_ns[-1] + late

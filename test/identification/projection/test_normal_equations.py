@@ -8,7 +8,6 @@ import pytest
 from rpms_ros.identification.estimation.settings import ProjectionSettings
 from rpms_ros.identification.estimation.tracking import TrackingEstimator, TrackingSettings
 from rpms_ros.identification.estimation.window_equations import (
-    SLOPES,
     Point,
     assembled,
     condensed,
@@ -224,11 +223,6 @@ def test_the_equations_are_those_of_all_samples(seed):
     np.testing.assert_allclose(reduced.right, gradient, rtol=1e-6, atol=1e-5)
     assert reduced.cost[0] == pytest.approx(cost, rel=1e-9)
     np.testing.assert_allclose(disturbance_at(reduced, step), levels, rtol=1e-5, atol=1e-7)
-
-
-def test_the_last_unknowns_are_the_slopes():
-    equations = assembled(Written(0).intervals(), Written(0).point, float(INTERVALS), SPACING)
-    assert len(equations.right) == LOCAL + 2 * KNOTS + SLOPES
 
 
 def test_slowing_is_the_derivative_by_the_time_constant():

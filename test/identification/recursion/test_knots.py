@@ -140,14 +140,6 @@ def weights() -> np.ndarray:
     return rows
 
 
-def test_cubics_through_zero_are_met_exactly():
-    knots = np.arange(1, KNOTS + 1) / KNOTS
-    cubic = knots - 3.0 * knots**2 + 1.7 * knots**3
-    expected = INTENSITY - 3.0 * INTENSITY**2 + 1.7 * INTENSITY**3
-    # Rounding.
-    np.testing.assert_allclose(weights() @ cubic, expected, atol=1e-13)
-
-
 def test_intensities_beyond_the_range_count_as_its_ends():
     beyond, end = np.empty(KNOTS), np.empty(KNOTS)
     interpolate(1.3, beyond)

@@ -8,7 +8,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
 
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification import (
@@ -117,22 +116,6 @@ def test_blocks_and_a_saved_state_change_no_bit_where_the_muscle_changes(living_
     restored.restore(half.state())
     assert follow(restored, what, 40.4, 43.0).tobytes() == expected[40_400:].tobytes()
     assert repr(restored.state()) == repr(whole.state())
-
-
-@settings(max_examples=8)
-@given(st.sets(st.integers(1, 1999), max_size=20))
-def test_blocks_change_no_bit(session, cuts):
-    found = session(seed=4, seconds=2.0)
-    whole, cut = FixedSizeRecursion(), FixedSizeRecursion()
-    expected = found.feed(whole, 0.0, 2.0)
-    cut.add_pulses(found.onset_ns, found.intensity)
-    usable = np.ones(len(found.force), dtype=np.bool_)
-    parts = [
-        cut.update(found.stamp_ns[a:b], found.force[a:b], usable[a:b])
-        for a, b in pairwise([0, *sorted(cuts), len(found.force)])
-    ]
-    assert np.concatenate(parts).tobytes() == expected.tobytes()
-    assert repr(cut.state()) == repr(whole.state())
 
 
 def test_a_prediction_knows_nothing_of_its_own_or_later_samples(session):
