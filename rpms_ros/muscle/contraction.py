@@ -16,7 +16,7 @@ gets its exact onset and repetition rate; older ones are added to the moments.
 """
 
 import math
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -57,29 +57,6 @@ class MuscleState(NamedTuple):
     saturation: float
     fatigue: float
     potentiation: float
-
-
-class Muscle(Protocol):
-    """Pulses in, isometric force out."""
-
-    @property
-    def subject(self) -> Subject:
-        """The muscle at rest."""
-
-    def begin(self, start_ns: int) -> None:
-        """Count the times of scripted changes from `start_ns` [ns]."""
-
-    def add_pulses(self, onset_ns: npt.ArrayLike, intensity: npt.ArrayLike) -> None:
-        """Add pulses (pulses,) at onsets [ns] with intensities (share 0..1)."""
-
-    def force(self, stamp_ns: npt.ArrayLike) -> FloatArray:
-        """Return the force [N] (samples,) at times [ns]."""
-
-    def state(self, stamp_ns: int) -> MuscleState:
-        """Return the true state at a time [ns]."""
-
-    def steady_force(self, stamp_ns: int, intensity: FloatArray, rate_hz: float) -> FloatArray:
-        """Return the true recruitment curve at a time: steady mean force [N] (intensities,)."""
 
 
 @numba.njit(cache=True)

@@ -12,7 +12,7 @@ import typing
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
-from typing import Any, ClassVar, Protocol, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
@@ -28,16 +28,6 @@ _KEYS = (
     'name', 'description', 'fatigue', 'potentiation', 'changes', 'efforts', 'disturbances',
     'sensor_faults',
 )  # fmt: skip
-
-
-class Effort(Protocol):
-    """One kind of force that the stimulation does not cause."""
-
-    kind: ClassVar[str]
-    """Name in a scenario."""
-
-    def force(self, time: FloatArray) -> FloatArray:
-        """Return the force [N] at times from the start of the session (samples,) [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -164,6 +154,9 @@ class Tremor:
         wave = self.amplitude * np.sin(2.0 * math.pi * self.frequency * since)
         return np.where(inside, wave, 0.0)
 
+
+Effort = VoluntaryEffort | Spasm | Tremor | Bump
+"""One kind of force that the stimulation does not cause."""
 
 EFFORTS: dict[str, type[Effort]] = {
     effort.kind: effort for effort in (VoluntaryEffort, Spasm, Tremor, Bump)

@@ -14,10 +14,11 @@ from fractions import Fraction
 
 import numpy as np
 
-from rpms_ros.muscle.contraction import Contraction, Muscle, MuscleState
+from rpms_ros.muscle.contraction import Contraction, MuscleState
 from rpms_ros.muscle.scenario import Scenario, total_effort
 from rpms_ros.muscle.sensor import Disturbances, FaultySensor, Sensor
 from rpms_ros.muscle.subject import REFERENCE_RATE, Subject
+from rpms_ros.muscle.time_varying import Muscle
 from rpms_ros.pulses import (
     NANOSECONDS_PER_SECOND,
     FloatArray,

@@ -44,7 +44,6 @@ import numpy.typing as npt
 from rpms_ros.errors import MuscleError, check_number
 from rpms_ros.muscle.contraction import (
     Contraction,
-    Muscle,
     MuscleState,
     check_rate,
     checked_pulses,
@@ -523,6 +522,10 @@ class LivingContraction:
         keep = np.ones(len(self._onset_ns), dtype=np.bool_)
         keep[used] = False
         self._onset_ns, self._intensity = self._onset_ns[keep], self._intensity[keep]
+
+
+Muscle = Contraction | LivingContraction
+"""Pulses in, isometric force out."""
 
 
 def muscle_of(

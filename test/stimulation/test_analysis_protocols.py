@@ -21,7 +21,7 @@ REST = 0.4
 
 
 def kinds(schedule):
-    return [group.kind for group in groups_of(schedule.pulses(), REST)]
+    return [group.kind for group in groups_of(schedule.pulses())]
 
 
 def test_twitches_come_at_every_intensity_equally_often_and_shuffled():
@@ -40,14 +40,14 @@ def test_the_order_of_twitches_is_that_of_the_seed():
 
 
 def test_trains_have_their_rates():
-    groups = groups_of(trains().pulses(), REST)
+    groups = groups_of(trains().pulses())
     rates = [round(group.levels[0].rate_hz) for group in groups if group.count > 4]
     assert rates == [round(rate) for rate in TRAIN_RATES_HZ]
     assert [group.kind for group in groups[:3]] == [Kind.SINGLE] * 3
 
 
 def test_the_staircase_has_the_number_of_data_sets_of_the_paper():
-    groups = groups_of(recruitment().pulses(), REST)
+    groups = groups_of(recruitment().pulses())
     assert [group.kind for group in groups] == [Kind.STAIRCASE] * len(FIELD_RATES_HZ)
     levels = [level for group in groups for level in group.levels]
     # 882 data sets of 7 subjects

@@ -17,10 +17,7 @@ from rpms_ros.identification.analysis.recruitment_field import (
     steady_point,
 )
 from rpms_ros.identification.analysis.responses import (
-    ARTIFACT_SEARCH,
-    BLANKING,
     LEFT_OVER,
-    REST,
     Artifacts,
     Cutter,
     Kind,
@@ -121,7 +118,7 @@ class _Analysis:
         self.findings = list(self.trace.findings)
         shares = np.where(outside_shares(pulses.intensity), np.nan, pulses.intensity)
         self.pulses = self._within(in_order(replace(pulses, intensity=shares)))
-        self.groups = groups_of(self.pulses, REST)
+        self.groups = groups_of(self.pulses)
 
     def result(self) -> MuscleAnalysis:
         """Analyse each kind of group that the recording has."""
@@ -129,8 +126,7 @@ class _Analysis:
         steady: tuple[SteadyPoint, ...] = ()
         if len(self.pulses):
             self._judge_intensities()
-            search = ARTIFACT_SEARCH
-            artifacts = find_artifacts(self.trace, self.pulses.onset_ns, search)
+            artifacts = find_artifacts(self.trace, self.pulses.onset_ns)
             self._judge_clocks(artifacts)
             onset_ns = self.pulses.onset_ns + nanoseconds(artifacts.clock_offset)
             pulses = replace(self.pulses, onset_ns=onset_ns)
@@ -265,7 +261,7 @@ class _Analysis:
     def _steady(self, cutter: Cutter) -> tuple[SteadyPoint, ...]:
         trace, onset = self.trace, cutter.pulses.onset_ns
         if cutter.artifacts.found:
-            trace = without_artifacts(trace, onset, BLANKING)
+            trace = without_artifacts(trace, onset)
         baseline = resting_force(trace, self.groups, onset)
         held = [
             level

@@ -98,19 +98,17 @@ def in_order(pulses: PulseTrain) -> PulseTrain:
     return pulses[np.unique(pulses.onset_ns, return_index=True)[1]]
 
 
-def groups_of(pulses: PulseTrain, rest: float) -> tuple[PulseGroup, ...]:
+def groups_of(pulses: PulseTrain) -> tuple[PulseGroup, ...]:
     """Return the groups of pulses that are separated by rests.
 
     Parameters
     ----------
     pulses : PulseTrain
         Ascending in onset.
-    rest : float
-        Least interval between two groups [s].
     """
     if not len(pulses):
         return ()
-    gap = np.diff(pulses.onset_ns) >= nanoseconds(rest)
+    gap = np.diff(pulses.onset_ns) >= nanoseconds(REST)
     edges = np.concatenate(([0], np.flatnonzero(gap) + 1, [len(pulses)]))
     groups = []
     for first, last in pairwise(edges.tolist()):
@@ -340,7 +338,7 @@ class Artifacts:
         return int(np.isfinite(self.offset).sum())
 
 
-def find_artifacts(trace: CleanTrace, onset_ns: IntArray, search: float) -> Artifacts:
+def find_artifacts(trace: CleanTrace, onset_ns: IntArray) -> Artifacts:
     """Return the offsets of the artifacts of pulses.
 
     Parameters
@@ -349,11 +347,9 @@ def find_artifacts(trace: CleanTrace, onset_ns: IntArray, search: float) -> Arti
         Force.
     onset_ns : ndarray of int64, shape (pulses,)
         Stamps of the pulses, ascending [ns].
-    search : float
-        Largest distance between artifact and stamp [s].
     """
     offset = np.full(len(onset_ns), np.nan)
-    reach = _reaches(onset_ns, search)
+    reach = _reaches(onset_ns)
     noise = max(trace.noise, 1e-12)
     least = max(_STANDS_OUT * noise, _LEAST_OF_RESPONSE * float(np.ptp(trace.force)))
     for index, onset in enumerate(onset_ns):
@@ -369,9 +365,7 @@ def find_artifacts(trace: CleanTrace, onset_ns: IntArray, search: float) -> Arti
     return _judged(offset, trace.sample_period)
 
 
-def near_pulses(
-    stamp_ns: IntArray, onset_ns: IntArray, sample_period: float, blanking: float
-) -> BoolArray:
+def near_pulses(stamp_ns: IntArray, onset_ns: IntArray, sample_period: float) -> BoolArray:
     """Return the samples (samples,) that an artifact may affect.
 
     Parameters
@@ -382,19 +376,17 @@ def near_pulses(
         Pulses in the clock of the sensor, ascending, at least one [ns].
     sample_period : float
         Time between samples: clocks that count as equal may differ by 1.5 of it [s].
-    blanking : float
-        Span after a pulse [s].
     """
     margin = nanoseconds(1.5 * sample_period)
     latest = np.searchsorted(onset_ns, stamp_ns + margin, side='right') - 1
     since = stamp_ns - onset_ns[np.maximum(latest, 0)]
-    touched: BoolArray = (latest >= 0) & (since < blanking * NANOSECONDS_PER_SECOND)
+    touched: BoolArray = (latest >= 0) & (since < BLANKING * NANOSECONDS_PER_SECOND)
     return touched
 
 
-def without_artifacts(trace: CleanTrace, onset_ns: IntArray, blanking: float) -> CleanTrace:
+def without_artifacts(trace: CleanTrace, onset_ns: IntArray) -> CleanTrace:
     """Return the trace with straight lines where artifacts were."""
-    touched = near_pulses(trace.stamp_ns, onset_ns, trace.sample_period, blanking)
+    touched = near_pulses(trace.stamp_ns, onset_ns, trace.sample_period)
     clear = ~touched
     if not touched.any() or not clear.any():
         return trace
@@ -404,9 +396,9 @@ def without_artifacts(trace: CleanTrace, onset_ns: IntArray, blanking: float) ->
     return replace(trace, force=force)
 
 
-def _reaches(onset_ns: IntArray, search: float) -> IntArray:
+def _reaches(onset_ns: IntArray) -> IntArray:
     """Return how far from each stamp to search without reaching a neighbour (pulses,) [ns]."""
-    reach = np.full(len(onset_ns), nanoseconds(search), dtype=np.int64)
+    reach = np.full(len(onset_ns), nanoseconds(ARTIFACT_SEARCH), dtype=np.int64)
     if len(onset_ns) > 1:
         half = np.diff(onset_ns) // 2
         reach = np.minimum(reach, np.minimum(np.append(half, half[-1]), np.append(half[0], half)))
@@ -504,8 +496,7 @@ class Cutter:
         pulses, force = onset_ns[group.first : group.last], trace.force[part]
         usable = np.ones(len(lag), dtype=np.bool_)
         if self.artifacts.found:
-            period, blanking = trace.sample_period, BLANKING
-            usable = ~near_pulses(trace.stamp_ns[part], pulses, period, blanking)
+            usable = ~near_pulses(trace.stamp_ns[part], pulses, trace.sample_period)
         # the fits divide by the spread of the force
         if not usable.any() or not np.ptp(force[usable]):
             return 'the force never changes'

@@ -193,9 +193,7 @@ def analyze_twitches(
         fits.column(column, choice.order) for column in (ONSET, CONSTANT, PEAK)
     )
     marked = any(np.isfinite(item.artifact) for item in good)
-    crossing = np.array(
-        [crossing_latency(item, FILTER_SPAN, sample_period, marked) for item in good]
-    )
+    crossing = np.array([crossing_latency(item, sample_period, marked) for item in good])
     reference = 'artifact' if marked else 'stamp'
     return TwitchAnalysis(
         fits=fits,
@@ -275,17 +273,13 @@ def latency_table(
     )
 
 
-def crossing_latency(
-    response: Response, filter_span: float, period: float, to_artifact: bool
-) -> float:
+def crossing_latency(response: Response, period: float, to_artifact: bool) -> float:
     """Return the latency as the paper defines it [s]; NaN without a crossing.
 
     Parameters
     ----------
     response : Response
         A twitch.
-    filter_span : float
-        Span of the moving average [s].
     period : float
         Sample period [s]; uneven samples are interpolated to it.
     to_artifact : bool
@@ -296,7 +290,7 @@ def crossing_latency(
         even = np.arange(lag[0], lag[-1], period)
         lag, force = even, np.interp(even, lag, force)
     zero = response.artifact if to_artifact and np.isfinite(response.artifact) else 0.0
-    return crossing_onset(lag - zero, force, max(2, round(filter_span / period)))
+    return crossing_onset(lag - zero, force, max(2, round(FILTER_SPAN / period)))
 
 
 def crossing_onset(lag: FloatArray, force: FloatArray, samples: int) -> float:

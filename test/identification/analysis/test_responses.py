@@ -18,7 +18,7 @@ from rpms_ros.muscle import average_subject
 from rpms_ros.muscle.simulation import simulated_force
 from rpms_ros.pulses import ForceTrace, PulseTrain
 
-COUNT, SEARCH, REST = 20, 20e-3, 0.4
+COUNT = 20
 MILLISECOND = 1_000_000
 
 
@@ -106,12 +106,12 @@ def train(start, count, rate, jitter=0.0):
     ids=['none', 'single', 'trains', 'modulated', 'overlapping', 'unknown intensity'],
 )
 def test_kinds_of_groups(onset, intensity, kinds):
-    assert [group.kind for group in groups_of(pulses(onset, intensity), REST)] == kinds
+    assert [group.kind for group in groups_of(pulses(onset, intensity))] == kinds
 
 
 @pytest.mark.parametrize('rate', [5.0, 20.0, 100.0])
 def test_the_rate_of_a_train_survives_jitter(rate):
-    (group,) = groups_of(pulses(train(0, 20, rate, jitter=0.005 / rate), 0.7), REST)
+    (group,) = groups_of(pulses(train(0, 20, rate, jitter=0.005 / rate), 0.7))
     (level,) = group.levels
     # the median of jittered intervals is off by less than their jitter
     assert level.rate_hz == pytest.approx(rate, rel=0.01)
@@ -121,7 +121,7 @@ def test_the_rate_of_a_train_survives_jitter(rate):
 def test_a_staircase_has_its_levels_even_if_steps_are_no_whole_periods():
     steps = [train(1.21 * k, 24, 20.0) for k in range(5)]
     intensity = np.repeat([0.0, 0.25, 0.5, 0.75, 1.0], 24)
-    (group,) = groups_of(pulses(np.concatenate(steps), intensity), REST)
+    (group,) = groups_of(pulses(np.concatenate(steps), intensity))
     assert group.kind is Kind.STAIRCASE
     assert [level.intensity for level in group.levels] == [0.0, 0.25, 0.5, 0.75, 1.0]
     assert [level.last - level.first for level in group.levels] == [24] * 5
@@ -131,7 +131,7 @@ def test_a_staircase_has_its_levels_even_if_steps_are_no_whole_periods():
 def test_every_pulse_belongs_to_one_group_and_one_level(gaps, seed):
     onset = np.concatenate(([0.0], np.cumsum(gaps)))
     intensity = np.random.default_rng(seed).choice([0.5, 1.0], len(onset))
-    groups = groups_of(pulses(onset, intensity), REST)
+    groups = groups_of(pulses(onset, intensity))
     assert [group.first for group in groups] == [0, *(group.last for group in groups[:-1])]
     assert groups[-1].last == len(onset)
     for group in groups:
@@ -152,27 +152,27 @@ def session(artifact=1.0, offset=0.0):
 
 def test_artifacts_lie_at_the_first_sample_after_the_pulse():
     trace, onset = session()
-    found = find_artifacts(trace, onset, SEARCH)
+    found = find_artifacts(trace, onset)
     assert found.found
     assert found.count == COUNT
     assert (found.offset >= 0).all()
     assert (found.offset <= 1e-3).all()
     assert found.clock_offset == 0.0
     # one alone proves nothing
-    assert not find_artifacts(trace, onset[:1], SEARCH).found
+    assert not find_artifacts(trace, onset[:1]).found
 
 
 @pytest.mark.parametrize('offset', [-8e-3, -3e-3, 3e-3, 12e-3])
 def test_clocks_that_differ_are_found_out(offset):
     trace, onset = session(offset=offset)
     # the first sample after a pulse is known to a period of 1 ms, its mean over 20 to less
-    assert find_artifacts(trace, onset, SEARCH).clock_offset == pytest.approx(offset, abs=4e-4)
+    assert find_artifacts(trace, onset).clock_offset == pytest.approx(offset, abs=4e-4)
 
 
 def test_straight_lines_take_the_place_of_artifacts():
     trace, onset = session()
     bare, _ = session(artifact=0.0)
-    cleaned = without_artifacts(trace, onset, 4e-3)
+    cleaned = without_artifacts(trace, onset)
     # what is left: noise, and 0.03 % of the artifact after 4 ms
     assert np.abs(cleaned.force - bare.force).max() < 8 * bare.noise
     assert np.abs(trace.force - bare.force).max() > 20 * bare.noise

@@ -156,11 +156,11 @@ def marked(lag, artifact=np.nan):
 
 def test_the_latency_counts_from_the_artifact_if_there_is_one():
     lag = np.arange(-50, 400) * 1e-3
-    from_stamp = crossing_latency(marked(lag), 9e-3, 1e-3, True)
-    from_artifact = crossing_latency(marked(lag, artifact=2e-3), 9e-3, 1e-3, True)
+    from_stamp = crossing_latency(marked(lag), 1e-3, True)
+    from_artifact = crossing_latency(marked(lag, artifact=2e-3), 1e-3, True)
     assert from_artifact == pytest.approx(from_stamp - 2e-3)
-    assert crossing_latency(marked(lag, 2e-3), 9e-3, 1e-3, False) == from_stamp
+    assert crossing_latency(marked(lag, 2e-3), 1e-3, False) == from_stamp
     jittered = lag + np.random.default_rng(0).uniform(-2e-4, 2e-4, len(lag))
     # linear interpolation moves the end of the artifact by the jitter at most
-    uneven = crossing_latency(marked(jittered), 9e-3, 1e-3, False)
+    uneven = crossing_latency(marked(jittered), 1e-3, False)
     assert uneven == pytest.approx(from_stamp, abs=5e-4)
