@@ -46,7 +46,7 @@ def test_a_twitch_too_fast_for_the_functions_is_said(living_sessions, excitation
     assert RESPONSE_MISFIT not in doubts('tracking', what)
 
 
-@pytest.mark.parametrize('name', ['tracking', 'recursive'])
+@pytest.mark.parametrize('name', [pytest.param('tracking', marks=pytest.mark.long), 'recursive'])
 def test_functions_that_begin_a_little_late_are_not_doubted(living_sessions, name):
     soon = replace(living_sessions.SUBJECT, latency=0.0)
     assert doubts(name, living_sessions.session('steady', 'random', 3, 25.0, soon)) == ()

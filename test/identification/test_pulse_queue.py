@@ -313,7 +313,7 @@ def test_a_sensor_of_another_clock_is_said_with_the_distance(random_session, ahe
     assert CLOCKS_DIFFER in verdict.line
 
 
-@pytest.mark.parametrize('ahead', [5.0, -0.1])
+@pytest.mark.parametrize('ahead', [pytest.param(5.0, marks=pytest.mark.long), -0.1])
 def test_without_an_order_of_arrival_the_force_tells_the_clock(random_session, ahead):
     pulses, forces = random_session
     found = identify(estimator_by_name('batch'), pulses, shifted(forces, ahead))

@@ -11,7 +11,7 @@ from rpms_ros.pulses import NANOSECONDS_PER_SECOND, ForceTrace, PulseTrain
 
 NAMES = ('tracking', 'recursive')
 # Each algorithm with its settings for people.
-FOR_PEOPLE = ('batch', 'recursive', 'tracking')
+FOR_PEOPLE = ('batch', 'recursive', pytest.param('tracking', marks=pytest.mark.long))
 
 
 def session(record, name, spoil=None, step=1) -> IdentifiedSession:

@@ -177,6 +177,7 @@ def test_time_in_another_unit_is_not_good(trial):
     assert 'is the time in another unit' in verdict.line
 
 
+@pytest.mark.long
 def test_pulses_of_another_session_are_not_good(trial):
     pulses, forces = trial
     other = np.random.default_rng(7).permutation(pulses.intensity)

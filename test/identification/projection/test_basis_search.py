@@ -67,7 +67,10 @@ def test_the_curve_is_right_whatever_the_dynamics(
     assert physiology['twitch_time_constant_s'] == pytest.approx(time_constant, rel=0.1)
 
 
-@pytest.mark.parametrize(('time_constant', 'latency'), [(15e-3, 5e-3), (60e-3, 20e-3)])
+@pytest.mark.parametrize(
+    ('time_constant', 'latency'),
+    [(15e-3, 5e-3), pytest.param(60e-3, 20e-3, marks=pytest.mark.long)],
+)
 def test_of_bases_that_only_noise_tells_apart_none_at_the_edge_is_taken(
     living_sessions, time_constant, latency
 ):

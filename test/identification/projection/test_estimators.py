@@ -74,7 +74,10 @@ def test_changing_rate_is_one_model():
     assert without > 10 * with_rate
 
 
-@pytest.mark.parametrize('silence', [50.0, 70.0, 150.0])
+LONG_RESTS = [pytest.param(silence, marks=pytest.mark.long) for silence in (50.0, 150.0)]
+
+
+@pytest.mark.parametrize('silence', [70.0, *LONG_RESTS])
 def test_a_rest_erases_nothing(recorded, silence):
     take = recorded(6.0, noise=0.005, silence=silence)
     estimate = take.fit(TrackingEstimator(TRACKING))
