@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The temperature of the coil, measured and modelled: in trains, and after a restart."""
+"""The coil's temperature in trains: each reading in time, and the model between them."""
 
 import dataclasses
 from itertools import pairwise
@@ -9,14 +9,11 @@ import pytest
 
 from rpms_ros.stimulation import constant
 from rpms_ros.stimulation.devices import WireTimes
-from rpms_ros.stimulation.driver.safety_monitor import Refused
 from rpms_ros.stimulation.limits.device_specification import load_device_specification
-from rpms_ros.stimulation.limits.limits import BookedPulse
-from rpms_ros.stimulation.records.dose_ledger import MemoryLedger
 
-SECOND = 1_000_000_000
 # 9600 baud, ten bits a byte: a status and a temperature take 6.3 and 12.5 ms
 WIRE = WireTimes(prepare_s=8.3e-3, keep_alive_s=20e-3, trigger_s=3.1e-3, answer_s=3.1e-3)
+SECOND = 1_000_000_000
 
 
 @pytest.fixture
@@ -116,83 +113,3 @@ def test_model_goes_on_from_a_measured_temperature(measuring):
     # a tenth of 22.7 J a pulse warms 700 J/K; it cools by 0.02 K meanwhile
     warmed = 25.0 + run.delivered * 2.27 / 700.0
     assert driver.controller.coil_temperature == pytest.approx(warmed, abs=0.03)
-
-
-class PastLedger(MemoryLedger):
-    """Of a device that gave pulses before this process; times relative to now."""
-
-    def __init__(self, past):
-        super().__init__()
-        self._past = past
-
-    def history(self, now_monotonic_ns):
-        return tuple(
-            pulse._replace(time_ns=now_monotonic_ns + pulse.time_ns) for pulse in self._past
-        )
-
-
-def test_a_restart_knows_how_warm_the_coil_is(virtual):
-    # a fifth of a time constant ago, 70 kJ within a second: 10 K of which 8.19 K are left
-    past = [BookedPulse(-121 * SECOND + n * SECOND // 20, 1.0, 3500.0) for n in range(20)]
-    warm = virtual(specification='rapid2-240v', ledger=PastLedger(past)).controller
-    assert warm.coil_temperature == pytest.approx(22.0 + 8.19, abs=0.02)
-    elsewhere = [pulse._replace(on_device=False) for pulse in past]
-    other = virtual(specification='rapid2-240v', ledger=PastLedger(elsewhere)).controller
-    assert other.coil_temperature == 22.0
-
-
-def test_a_coil_that_is_too_warm_after_a_restart_is_not_used_until_it_has_cooled(virtual):
-    past = [BookedPulse(-SECOND, 1.0, 140e3)]
-    driver = virtual(specification='rapid2-240v', ledger=PastLedger(past))
-    driver.controller.configure()
-    driver.advance(60.0)
-    with pytest.raises(Refused, match='temperature: expected at most 40 Celsius, got 40'):
-        driver.controller.arm()
-    driver.advance(10.0)
-    driver.controller.arm()
-
-
-def test_a_stop_by_the_modelled_temperature_can_be_reset_when_the_coil_has_cooled(virtual):
-    driver = virtual(specification='rapid2-240v').armed()
-    driver.controller.coil.measured(driver.clock.now, 40.5)
-    driver.advance(0.1)
-    assert driver.controller.reason.startswith('temperature: expected at most 40 Celsius, got 40')
-    with pytest.raises(Refused, match='reset: expected the cause temperature gone'):
-        driver.controller.reset()
-    driver.advance(60.0)
-    assert driver.controller.interlocks.latched
-    driver.controller.reset()
-    driver.controller.arm()
-
-
-@pytest.mark.parametrize('celsius', [0.0, 11.9, float('nan')])
-def test_a_sensor_that_says_too_little_is_a_fault(measuring, celsius):
-    driver = measuring(specification='rapid2-240v')
-    run = driver.controller.start(constant(0.3, 12.0, 20.0))
-    driver.advance(1.0)
-    warm = driver.controller.coil_temperature
-    driver.celsius = celsius
-    driver.advance(5.0)
-    assert run.cause == 'fault'
-    reason = driver.controller.reason
-    assert reason.startswith('temperature: expected a sensor that works, at least 12')
-    assert reason.endswith(f'got {celsius:g}')
-    # the model goes on without it
-    assert driver.controller.coil_temperature > warm
-
-
-def test_a_sensor_that_does_not_follow_the_pulses_is_a_fault(measuring):
-    driver = measuring(specification='rapid2-240v')
-    coil = driver.controller.coil
-    # 70 kJ in all, a tenth of them in 700 J/K
-    for _ in range(10):
-        coil.heat(driver.clock.now, 7000.0)
-        coil.measured(driver.clock.now, 25.0)
-    assert coil.doubt(driver.clock.now, 22.5) is None
-    for _ in range(5):
-        coil.heat(driver.clock.now, 7000.0)
-        coil.measured(driver.clock.now, 25.0)
-    driver.controller.start(constant(0.3, 12.0, 20.0))
-    driver.advance(5.0)
-    assert driver.controller.reason.startswith('temperature: expected a sensor that works')
-    assert driver.controller.run.cause == 'fault'

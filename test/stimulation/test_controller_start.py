@@ -1,0 +1,298 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""What a driver starts and what it refuses, before anything fires."""
+
+import dataclasses
+
+import pytest
+
+from rpms_ros.errors import StimulationError
+from rpms_ros.stimulation import Pause, Schedule, Single, constant
+from rpms_ros.stimulation.devices import DeviceError, SimulatedDevice, SimulatedFaults
+from rpms_ros.stimulation.devices.serial_line import SerialDevice
+from rpms_ros.stimulation.driver.controller import StimulationController
+from rpms_ros.stimulation.driver.safety_monitor import Refused
+from rpms_ros.stimulation.driver.states import TRANSITIONS, Command, DriverSettings, State
+from rpms_ros.stimulation.limits.device_specification import load_device_specification
+from rpms_ros.stimulation.limits.limits import DoseLimits, Limits
+from rpms_ros.stimulation.records.dose_ledger import DoseLedger, MemoryLedger
+
+DO = {
+    Command.CONFIGURE: lambda controller: controller.configure(),
+    Command.ARM: lambda controller: controller.arm(),
+    Command.START: lambda controller: controller.start(SHORT),
+    Command.FINISH: lambda controller: controller.cancel(),
+    Command.DISARM: lambda controller: controller.disarm(),
+    Command.CLEANUP: lambda controller: controller.cleanup(),
+    Command.FAIL: lambda controller: controller.fail('test', 'a test'),
+    Command.STOP: lambda controller: controller.stop('test', 'a test'),
+}
+# What it has to come to: written out here, so that a slip in the driver's own table is found.
+# The columns are the states before, `-` is refused.
+EXPECTED = """
+           UNCONFIGURED DISARMED     ARMED        RUNNING      FAULT
+CONFIGURE  DISARMED     -            -            -            -
+ARM        -            ARMED        -            -            -
+START      -            -            RUNNING      -            -
+FINISH     -            -            -            DISARMED     -
+DISARM     UNCONFIGURED DISARMED     DISARMED     DISARMED     FAULT
+CLEANUP    UNCONFIGURED UNCONFIGURED UNCONFIGURED UNCONFIGURED UNCONFIGURED
+FAIL       UNCONFIGURED FAULT        FAULT        FAULT        FAULT
+STOP       UNCONFIGURED DISARMED     DISARMED     DISARMED     FAULT
+"""
+TRAIN = constant(0.5, 5.0, 20.0)
+SHORT = constant(0.5, 0.5, 20.0)
+SECOND = 1_000_000_000
+
+
+def expected():
+    states, *rows = [line.split() for line in EXPECTED.strip().splitlines()]
+    return {
+        (State[state], Command[row[0]]): None if cell == '-' else State[cell]
+        for row in rows
+        for state, cell in zip(states, row[1:], strict=True)
+    }
+
+
+class Unheard(Exception):
+    """Of a type that nobody expects."""
+
+
+def raising(error):
+    def call(*arguments):
+        del arguments
+        raise error
+
+    return call
+
+
+def assert_safe(driver, state=State.FAULT):
+    """Nothing fires, nothing is kept alive, and only a clean-up leads out."""
+    controller, device = driver.controller, driver.device
+    assert controller.state is state
+    assert (device.intensity, device.armed) == (0.0, False)
+    assert driver.due_ns() is None
+    assert controller.run is None or controller.run.cause == 'fault'
+    given = len(device.commands)
+    device.calls.clear()
+    driver.advance(3.0)
+    assert len(device.commands) == given
+    assert 'keep_alive' not in device.calls
+    with pytest.raises(StimulationError, match='arm: expected state DISARMED'):
+        controller.arm()
+    device.instead.clear()
+    driver.faults = SimulatedFaults()
+    controller.cleanup()
+    assert controller.state is State.UNCONFIGURED
+    controller.configure()
+    controller.arm()
+
+
+def test_the_table_of_transitions_is_the_one_that_is_meant():
+    meant = expected()
+    assert set(meant) == {(state, command) for state in State for command in Command}
+    assert {pair: state for pair, state in meant.items() if state is not None} == TRANSITIONS
+
+
+@pytest.mark.parametrize('state', State)
+@pytest.mark.parametrize('command', Command)
+def test_every_transition_legal_or_not(state, command, driver_in):
+    driver = driver_in(state)
+    target = expected()[state, command]
+    if target is None and command is Command.FINISH:
+        # nothing to cancel
+        DO[command](driver.controller)
+        target = state
+    elif target is None:
+        with pytest.raises(StimulationError, match=f'{command.value}: expected .*{state.name}'):
+            DO[command](driver.controller)
+        target = state
+    else:
+        DO[command](driver.controller)
+    assert driver.controller.state is target
+    assert driver.device.armed == (target in (State.ARMED, State.RUNNING))
+    assert driver.device.opened == (target is not State.UNCONFIGURED)
+
+
+def test_a_run_is_told_once_nothing_stands_against_it_and_before_its_first_pulse(virtual):
+    driver = virtual().armed()
+    told = []
+    with pytest.raises(Refused, match='maximum_rate_hz: expected'):
+        driver.controller.start(constant(0.5, 1.0, 200.0), lambda: told.append('too fast'))
+    assert told == []
+
+    def slowly():
+        # as a disk that takes its time
+        driver.advance(0.3)
+        told.append((driver.controller.state, len(driver.device.commands)))
+
+    run = driver.controller.start(constant(0.5, 1.0, 20.0), slowly)
+    driver.advance(2.0)
+    assert told == [(State.RUNNING, 0)]
+    assert (run.delivered, run.dropped) == (20, 0)
+
+
+def test_a_run_that_cannot_be_told_gives_no_pulse(virtual):
+    driver = virtual().armed()
+    with pytest.raises(ZeroDivisionError, match='division'):
+        driver.controller.start(constant(0.5, 1.0, 20.0), lambda: 1 // 0)
+    driver.advance(2.0)
+    assert driver.device.commands == []
+    assert driver.controller.state is State.DISARMED
+
+
+def test_a_real_device_needs_a_ledger_of_its_serial_number(tmp_path):
+    class Real(SimulatedDevice):
+        real = True
+
+    with pytest.raises(StimulationError, match='the device specification of a real device'):
+        StimulationController(Real(), load_device_specification('simulated'), DriverSettings())
+    specification = load_device_specification('rapid2-240v')
+    for ledger, got in ((None, 'none'), (MemoryLedger(), 'one in memory')):
+        with pytest.raises(StimulationError, match=f'on the disk for a real device, got {got}'):
+            StimulationController(Real(), specification, DriverSettings(), ledger=ledger)
+    with (
+        DoseLedger(tmp_path, '/dev/ttyUSB0', 'P01') as ledger,
+        pytest.raises(StimulationError, match="serial_number '', got that of '/dev/ttyUSB0'"),
+    ):
+        StimulationController(Real(), specification, DriverSettings(), ledger=ledger)
+
+
+def test_a_device_of_one_width_gives_no_pulse_of_another(virtual):
+    class OneWidth(SimulatedDevice):
+        sets_width = False
+
+    with pytest.raises(
+        StimulationError,
+        match=r'expected one width for a device on which none can be set, got 1e-05 s to 0\.001',
+    ):
+        StimulationController(OneWidth(), load_device_specification('simulated'), DriverSettings())
+    found = load_device_specification('rapid2-240v')
+    StimulationController(OneWidth(), found, DriverSettings())
+    assert not SerialDevice('/dev/null').sets_width
+    driver = virtual(specification='rapid2-240v').armed()
+    wide = dataclasses.replace(constant(0.1, 1.0, 20.0), width_s=500e-6)
+    with pytest.raises(Refused, match=r'expected a width in .* s, got 0\.0005 s'):
+        driver.controller.start(wide)
+    assert driver.controller.start(constant(0.1, 1.0, 20.0)).count == 20
+
+
+def test_a_schedule_that_takes_too_long_to_look_at_is_refused(virtual):
+    limits = Limits(session_pulses=1_000_000, maximum_rate_hz=100.0)
+    driver = virtual(limits).armed()
+    with pytest.raises(Refused, match='schedule_pulses: expected at most 40000 pulses in a sched'):
+        driver.controller.start(constant(0.5, 401.0, 100.0))
+    assert driver.controller.state is State.ARMED
+
+
+def test_undeliverable_schedule_is_refused_with_its_limit(virtual):
+    driver = virtual(specification='rapid2-240v').armed()
+    with pytest.raises(Refused, match=r'rate_limits_hz: .*; at 0.05 s of the schedule') as caught:
+        driver.controller.start(constant(1.0, 90.0, 20.0))
+    assert caught.value.limit == 'rate_limits_hz'
+    with pytest.raises(Refused, match=r'idle_disarm_s: expected at most 60 s'):
+        driver.controller.start(Schedule((Pause(61.0), Single())))
+    assert driver.device.commands == []
+
+
+def test_schedule_beyond_the_session_is_refused(virtual):
+    driver = virtual(Limits(session_pulses=15)).armed()
+    driver.controller.start(SHORT)
+    driver.advance(1.0)
+    driver.controller.arm()
+    with pytest.raises(Refused, match='expected at most 5 more pulses in this session, got 10'):
+        driver.controller.start(SHORT)
+    driver.controller.cleanup()
+    driver.armed()
+    with pytest.raises(Refused, match='expected at most 5 more pulses in this session, got 10'):
+        driver.controller.start(SHORT)
+
+
+def test_idleness_counts_from_arming_for_the_forecast_too(virtual):
+    driver = virtual(Limits(idle_disarm_s=5.0)).armed()
+    driver.advance(3.0)
+    with pytest.raises(Refused, match='idle_disarm_s: expected at most 5 s without a pulse'):
+        driver.controller.start(Schedule((Pause(4.0), Single(duration_s=0.5))))
+    run = driver.controller.start(Schedule((Pause(1.9), Single(duration_s=0.5))))
+    driver.advance(3.0)
+    assert run.completed
+    driver.controller.arm()
+    with pytest.raises(Refused, match=r'idle_disarm_s: .* got 6 s'):
+        driver.controller.start(Schedule((Single(duration_s=1.0), Pause(5.0))))
+
+
+def test_schedule_over_the_dose_is_refused_before_its_first_pulse(virtual):
+    ledger = MemoryLedger(DoseLimits(pulses=99, energy_j=1e6, window_h=24.0), lambda: SECOND)
+    driver = virtual(ledger=ledger).armed()
+    with pytest.raises(Refused, match='expected at most 99 pulses in 24 h, got 100') as caught:
+        driver.controller.start(TRAIN)
+    assert caught.value.limit == 'dose_pulses'
+    driver.controller.start(constant(0.5, 4.95, 20.0))
+    driver.advance(6.0)
+    assert len(driver.device.commands) == 99
+    assert ledger.totals().pulses == 99
+
+
+@pytest.mark.parametrize('flag', ['coil_absent', 'replace_coil', 'error'])
+def test_device_that_is_not_in_order_is_not_armed(virtual, flag):
+    driver = virtual()
+    driver.faults = SimulatedFaults(**{flag: True})
+    with pytest.raises(DeviceError, match='expected a'):
+        driver.armed()
+    assert_safe(driver)
+
+
+def test_what_the_subject_knew_before_a_sleep_of_the_machine_is_not_known_after_it(
+    virtual, monkeypatch
+):
+    driver = virtual(Limits(maximum_intensity_rise=0.1)).armed()
+    controller = driver.controller
+    for highest in (0.1, 0.2, 0.2):
+        controller.start(constant(highest, 0.5, 20.0))
+        driver.advance(1.0)
+        controller.arm()
+    controller.disarm()
+    given = len(driver.device.commands)
+    awake = controller.interlocks._slept
+    monkeypatch.setattr(controller.interlocks, '_slept', lambda: awake() + 28800 * SECOND)
+    controller.arm()
+    with pytest.raises(Refused, match=r'^maximum_intensity_rise: .* got 0\.2'):
+        controller.start(constant(0.2, 0.5, 20.0))
+    assert len(driver.device.commands) == given
+    controller.start(constant(0.1, 0.5, 20.0))
+    driver.advance(1.0)
+    assert len(driver.device.commands) == given + 10
+
+
+@pytest.mark.parametrize('call', ['open', 'arm'])
+@pytest.mark.parametrize('error', [DeviceError('gone'), Unheard('gone')])
+def test_whatever_a_call_raises_beforehand_is_told_and_leaves_nothing_open(virtual, call, error):
+    driver = virtual()
+    driver.device.instead[call] = raising(error)
+    with pytest.raises(DeviceError, match='gone'):
+        driver.armed()
+    if call == 'open':
+        # the device may have been opened half
+        assert 'close' in driver.device.calls
+        assert driver.controller.state is State.UNCONFIGURED
+        assert 'gone' in driver.controller.reason
+        driver.device.instead.clear()
+        driver.armed()
+    else:
+        assert_safe(driver)
+
+
+def test_hang_in_arming_is_noticed_and_never_armed(virtual):
+    driver = virtual()
+    driver.controller.configure()
+    hang = driver.device.hang(3.0)
+
+    def arms_late():
+        hang()
+        return type(driver.device).arm(driver.device)
+
+    driver.device.instead['arm'] = arms_late
+    with pytest.raises(StimulationError, match='expected no stop meanwhile'):
+        driver.controller.arm()
+    assert driver.controller.fault_counts() == {'stuck': 1}
+    assert_safe(driver)

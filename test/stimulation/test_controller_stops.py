@@ -1,0 +1,384 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""A stop in every state, interlocks, signs of life: nothing follows until it is reset."""
+
+import math
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+
+import pytest
+
+from rpms_ros.errors import StimulationError
+from rpms_ros.stimulation import Schedule, Single, constant
+from rpms_ros.stimulation.devices import (
+    SimulatedDevice,
+)
+from rpms_ros.stimulation.driver.authority import ProcessLife, host_identity
+from rpms_ros.stimulation.driver.safety_monitor import Halt, Interlocks, Refused, SensorLife
+from rpms_ros.stimulation.driver.states import Command, State
+from rpms_ros.stimulation.driver.stop_buttons import HeldKey, JoystickButton
+from rpms_ros.stimulation.limits.limits import Limits
+
+DO = {
+    Command.CONFIGURE: lambda controller: controller.configure(),
+    Command.ARM: lambda controller: controller.arm(),
+    Command.START: lambda controller: controller.start(SHORT),
+    Command.FINISH: lambda controller: controller.cancel(),
+    Command.DISARM: lambda controller: controller.disarm(),
+    Command.CLEANUP: lambda controller: controller.cleanup(),
+    Command.FAIL: lambda controller: controller.fail('test', 'a test'),
+    Command.STOP: lambda controller: controller.stop('test', 'a test'),
+}
+# What it has to come to: written out here, so that a slip in the driver's own table is found.
+# The columns are the states before, `-` is refused.
+EXPECTED = """
+           UNCONFIGURED DISARMED     ARMED        RUNNING      FAULT
+CONFIGURE  DISARMED     -            -            -            -
+ARM        -            ARMED        -            -            -
+START      -            -            RUNNING      -            -
+FINISH     -            -            -            DISARMED     -
+DISARM     UNCONFIGURED DISARMED     DISARMED     DISARMED     FAULT
+CLEANUP    UNCONFIGURED UNCONFIGURED UNCONFIGURED UNCONFIGURED UNCONFIGURED
+FAIL       UNCONFIGURED FAULT        FAULT        FAULT        FAULT
+STOP       UNCONFIGURED DISARMED     DISARMED     DISARMED     FAULT
+"""
+SHORT = constant(0.5, 0.5, 20.0)
+SECOND = 1_000_000_000
+NOW = 1000 * SECOND
+MILLISECOND = 1_000_000
+
+
+def expected():
+    states, *rows = [line.split() for line in EXPECTED.strip().splitlines()]
+    return {
+        (State[state], Command[row[0]]): None if cell == '-' else State[cell]
+        for row in rows
+        for state, cell in zip(states, row[1:], strict=True)
+    }
+
+
+class StoppedMidway(SimulatedDevice):
+    """A device during whose every call somebody presses the emergency stop."""
+
+    controller = None
+
+    def _press(self):
+        if self.controller is not None:
+            self.controller.stop('test', 'stop in the middle')
+
+    def open(self):
+        super().open()
+        self._press()
+
+    def arm(self):
+        super().arm()
+        self._press()
+
+    def close(self):
+        self._press()
+        super().close()
+
+
+@pytest.mark.parametrize('state', State)
+@pytest.mark.parametrize('command', Command)
+def test_stop_in_the_middle_of_every_transition(state, command, driver_in):
+    driver = driver_in(state)
+    device = StoppedMidway(clock=driver.clock, wait=driver.clock.wait)
+    device.opened, device.armed = driver.device.opened, driver.device.armed
+    device._last_sign_ns = driver.clock.now
+    driver.controller.device = driver.device = device
+    device.controller = driver.controller
+    during = command in (Command.CONFIGURE, Command.ARM, Command.CLEANUP)
+    legal = expected()[state, command] is not None
+    try:
+        DO[command](driver.controller)
+    except StimulationError:
+        assert not legal or command is Command.ARM
+    if not during or not legal:
+        driver.controller.stop('test', 'stop right after')
+    assert driver.controller.interlocks.latched
+    assert driver.controller.state not in (State.ARMED, State.RUNNING)
+    assert not device.armed
+    driver.advance(1.0)
+    assert not device.fired
+    with pytest.raises(StimulationError):
+        driver.controller.start(SHORT)
+    with pytest.raises(StimulationError):
+        driver.controller.arm()
+
+
+def test_a_stop_from_before_the_device_is_opened_is_still_the_reason(driver_in):
+    controller = driver_in(State.UNCONFIGURED).controller
+    controller.stop('test', 'pressed beforehand')
+    controller.configure()
+    assert controller.status() == (State.DISARMED, True, 'pressed beforehand')
+    controller.reset()
+    assert controller.status() == (State.DISARMED, False, 'stop was reset')
+
+
+def test_stop_between_the_check_and_the_trigger_leaves_no_pulse(running):
+    driver = running
+    booked = driver.controller._booked
+
+    def stopped(run):
+        pulse = booked(run)
+        driver.controller.stop('test', 'a test')
+        return pulse
+
+    driver.controller._booked = stopped
+    before = len(driver.fired)
+    driver.device.calls.clear()
+    driver.advance(1.0)
+    assert len(driver.fired) == before
+    assert 'fire' not in driver.device.calls
+    assert not driver.device.armed
+    assert driver.controller.state is State.DISARMED
+
+
+def test_a_halt_that_is_only_noted_keeps_the_owner_from_firing(driver_in):
+    driver = driver_in(State.RUNNING)
+    driver.advance(0.02)
+    assert driver.device.intensity == 0.5
+    driver.clock.now = driver.due_ns()
+    # as when the thread that stops has got no further than its first line
+    driver.controller._halts.append(Halt(Command.STOP, 'a test', 'stopped', 'test'))
+    assert driver.due_ns() is None
+    assert not driver.controller._permitted(driver.controller.run)
+    driver.controller.step()
+    assert driver.device.commands == []
+    assert driver.controller.status() == (State.DISARMED, True, 'a test')
+
+
+def test_a_sleep_of_the_machine_stops(running, monkeypatch):
+    controller, given = running.controller, len(running.device.commands)
+    awake = controller.interlocks._slept
+    monkeypatch.setattr(controller.interlocks, '_slept', lambda: awake() + 60 * 10**9)
+    running.advance(1.0)
+    assert len(running.device.commands) == given
+    assert (controller.state, controller.interlocks.latched) == (State.DISARMED, True)
+    assert 'suspend: expected the machine to stay awake' in controller.reason
+    # who resets it is there again
+    controller.reset()
+    controller.arm()
+    controller.start(SHORT)
+    running.advance(1.0)
+    assert len(running.device.commands) == given + 10
+
+
+def test_a_machine_that_has_slept_is_a_problem_until_it_is_armed_again():
+    asleep = [100 * SECOND]
+    interlocks = Interlocks(lambda: asleep[0])
+    interlocks.require('heart', 1.0)
+    interlocks.seen('heart', NOW)
+    assert interlocks.problem(NOW) is None
+    # the clock of the pulses has stood still: the heart seems to beat
+    asleep[0] += 3 * SECOND
+    name, reason = interlocks.problem(NOW)
+    assert name == 'suspend'
+    assert reason.endswith('got it asleep for 3 s')
+    interlocks.latch(name, reason)
+    interlocks.reset(NOW)
+    assert interlocks.problem(NOW) is not None
+    interlocks.awake()
+    assert interlocks.problem(NOW) is None
+
+
+def test_readings_of_two_clocks_that_are_apart_are_no_sleep():
+    readings = iter([0, -30_000_000, 0, 0, 0, 0, -30_000_000, 5_000_000])
+    interlocks = Interlocks(lambda: next(readings))
+    assert [interlocks.problem(NOW) for _ in range(3)] == [None, None, None]
+
+
+@pytest.mark.parametrize('silent', ['executor', 'heartbeat'])
+def test_missing_sign_of_life_stops_before_the_next_pulse(silent, virtual):
+    driver = virtual(heartbeat_s=0.3 if silent == 'heartbeat' else None).armed()
+    driver.controller.start(constant(0.5, 5.0, 20.0))
+    driver.advance(1.0)
+    driver.alive = False
+    lost_at = driver.clock.now
+    driver.advance(2.0)
+    limit = 300 if silent == 'heartbeat' else 500
+    assert driver.device.commands[-1][0] <= lost_at + limit * MILLISECOND
+    assert driver.controller.interlocks.latched
+    assert silent in driver.controller.reason
+    with pytest.raises(StimulationError, match=f'reset: expected {silent} to come again'):
+        driver.controller.reset()
+    driver.alive = True
+    driver.look()
+    driver.controller.reset()
+    driver.controller.arm()
+
+
+def test_pulse_is_not_fired_when_nobody_supervises(virtual):
+    driver = virtual(executor_timeout_s=5.0).armed()
+    driver.controller.start(constant(0.5, 5.0, 20.0))
+    for _ in range(200):
+        driver.clock.now = max(driver.clock.now, driver.controller.step())
+    busy = (
+        'computer too busy: pulses stopped; supervisor: expected a sign of life within 0.5 s, got'
+    )
+    assert driver.controller.reason.startswith(busy)
+    assert len(driver.device.commands) <= 11
+
+
+def test_short_silence_holds_pulses_back_before_it_is_a_problem():
+    interlocks = Interlocks()
+    interlocks.require('ears', 0.5, hold_s=0.04)
+    assert interlocks.held_by(0) is None
+    assert interlocks.problem(0) == ('ears', 'ears: expected a sign of life, got none yet')
+    interlocks.seen('ears', 0)
+    assert interlocks.held_by(SECOND // 25) is None
+    assert interlocks.held_by(SECOND // 25 + 1) == 'ears'
+    assert interlocks.problem(SECOND // 2) is None
+    assert interlocks.problem(SECOND // 2 + 1) is not None
+    # who was armed a moment ago has waited for the device meanwhile
+    assert interlocks.problem(SECOND, since_ns=SECOND // 2) is None
+    assert interlocks.problem(SECOND + 1, since_ns=SECOND // 2) is not None
+
+
+def test_checked_pulse_does_not_wait_for_a_keep_alive_that_hangs(virtual):
+    """The heart stops while the device is busy: no pulse after the heart's time is over."""
+    times = {'heartbeat_s': 0.3, 'executor_timeout_s': 5.0}
+    driver = virtual(**times, stuck_limit_s=1.0, lateness_limit_s=0.1).armed()
+    driver.controller.start(Schedule((Single(duration_s=2.0), Single(duration_s=1.0))))
+    driver.advance(0.06)
+    assert len(driver.device.commands) == 1
+    keep_alive = type(driver.device).keep_alive
+
+    def dies_meanwhile():
+        driver.alive = False
+        driver.clock.wait(0.9)
+        return keep_alive(driver.device)
+
+    driver.device.instead['keep_alive'] = dies_meanwhile
+    driver.advance(5.0)
+    assert len(driver.device.commands) == 1
+    assert driver.controller.interlocks.latched
+    assert 'heartbeat' in driver.controller.reason
+
+
+def test_idle_driver_disarms_itself(virtual):
+    driver = virtual(Limits(idle_disarm_s=5.0)).armed()
+    driver.advance(4.9)
+    assert driver.controller.state is State.ARMED
+    driver.advance(0.2)
+    assert driver.controller.state is State.DISARMED
+    assert driver.controller.reason == 'idle: no pulse for 5 s while armed'
+    assert not driver.device.armed
+
+
+@pytest.mark.parametrize('name', ['force', 'temperature'])
+def test_a_measurement_that_is_no_number_stops(virtual, name):
+    driver = virtual(force_limit_n=10.0)
+    measure = getattr(driver.controller, name)
+    driver.clock.meanwhile.append(lambda: driver.controller.force(1.0))
+    driver.controller.force(1.0)
+    driver.armed()
+    measure(math.nan)
+    assert driver.controller.status()[:2] == (State.DISARMED, True)
+    assert driver.controller.reason.endswith(('got nan N', 'got nan Celsius'))
+    # also before it is armed again
+    with pytest.raises(StimulationError, match='reset: expected the cause'):
+        driver.controller.reset()
+
+
+def test_a_stop_by_the_modelled_temperature_can_be_reset_when_the_coil_has_cooled(virtual):
+    driver = virtual(specification='rapid2-240v').armed()
+    driver.controller.coil.measured(driver.clock.now, 40.5)
+    driver.advance(0.1)
+    assert driver.controller.reason.startswith('temperature: expected at most 40 Celsius, got 40')
+    with pytest.raises(Refused, match='reset: expected the cause temperature gone'):
+        driver.controller.reset()
+    driver.advance(60.0)
+    assert driver.controller.interlocks.latched
+    driver.controller.reset()
+    driver.controller.arm()
+
+
+def test_a_sample_that_repeats_its_stamp_is_no_sign_of_life() -> None:
+    life = SensorLife('force_sensor', 0.2)
+    assert life.refusal(1, 'force_sensor', 1) is None
+    assert life.refusal(1, 'force_sensor', 2) == (
+        'expected a force sample after the last one, got its stamp moved 0 ns'
+    )
+    assert life.refusal(2, 'force_sensor', 3) is None
+    assert life.refusal(1, 'force_sensor', 4) is not None
+    # from there on it counts again: a clock that was set back locks nothing for good
+    assert life.refusal(2, 'force_sensor', 5) is None
+
+
+def test_a_sample_of_another_time_is_no_sign_of_life() -> None:
+    life, now = SensorLife('force_sensor', 0.2), 1000 * SECOND
+    refused = 'expected a force sample within 0.2 s of the time of the driver, got one of '
+    assert life.refusal(now - 86400 * SECOND, 'force_sensor', now) == f'{refused}8.64e+04 s ago'
+    assert life.refusal(now - SECOND // 4, 'force_sensor', now) == f'{refused}0.25 s ago'
+    # one of tomorrow blocks none of today
+    assert life.refusal(now + 86400 * SECOND, 'force_sensor', now) == f'{refused}-8.64e+04 s ago'
+    assert life.refusal(now - SECOND // 5, 'force_sensor', now) is None
+    assert life.refusal(now, 'ankle', now) == "expected force in frame 'force_sensor', got 'ankle'"
+
+
+def test_the_end_of_a_process_is_seen(wait_for: Callable[..., None]) -> None:
+    process = subprocess.Popen([sys.executable, '-S', '-c', 'input()'], stdin=subprocess.PIPE)
+    life = ProcessLife(host_identity(), process.pid)
+    assert life.known
+    assert not life.ended
+    process.kill()
+    wait_for(lambda: life.ended)
+    process.communicate()
+    assert process.returncode == -signal.SIGKILL
+    life.close()
+    assert not life.ended
+    assert ProcessLife(host_identity(), process.pid).ended
+
+
+@pytest.mark.parametrize(('host', 'process'), [('elsewhere', 1), ('', 1), (host_identity(), 0)])
+def test_a_process_of_another_machine_is_not_known(host: str, process: int) -> None:
+    life = ProcessLife(host, process)
+    assert not life.known
+    assert not life.ended
+
+
+def test_a_key_is_held_from_its_first_repetition_on() -> None:
+    key = HeldKey(0.5, 0.2)
+    assert not key.held(0)
+    key.came(0)
+    assert not key.held(0)
+    key.came(500 * MILLISECOND)
+    assert key.held(700 * MILLISECOND)
+    assert not key.held(700 * MILLISECOND + 1)
+
+
+def test_a_tap_is_not_a_hold_however_often() -> None:
+    key = HeldKey(0.5, 0.2)
+    for tap in range(5):
+        key.came(501 * MILLISECOND * tap)
+        assert not key.held(501 * MILLISECOND * tap)
+
+
+def test_after_a_release_the_key_has_to_repeat_again() -> None:
+    key = HeldKey(0.5, 0.2)
+    for now in (0, 400, 430, 460):
+        key.came(now * MILLISECOND)
+    assert key.held(660 * MILLISECOND)
+    # within the time of a first repetition, but it is none
+    key.came(700 * MILLISECOND)
+    assert not key.held(700 * MILLISECOND)
+    key.came(1100 * MILLISECOND)
+    assert key.held(1100 * MILLISECOND)
+
+
+def test_a_joystick_button_counts_while_the_joystick_speaks() -> None:
+    button = JoystickButton(1, 0.5)
+    assert button.used
+    assert button.down(0) is None
+    button.heard([0], 0)
+    assert button.down(0) is None
+    button.heard([0, 1], 0)
+    assert button.down(500_000_000) is True
+    assert button.down(500_000_001) is None
+    button.heard([1, 0], 1)
+    assert button.down(1) is False
+    assert not JoystickButton(-1, 0.5).used
