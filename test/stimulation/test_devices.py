@@ -1,18 +1,137 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The interface of a device, and the simulated one behind it."""
+"""Devices by name, one of them from outside, and frames of the Rapid2 class."""
 
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
+from rpms_ros.errors import StimulationError
+from rpms_ros.guard import rapid2
+from rpms_ros.guard.rapid2 import framed
 from rpms_ros.stimulation.devices import (
     SimulatedDevice,
     TooLate,
+    registry,
 )
-from rpms_ros.stimulation.devices.registry import quantized_down
+from rpms_ros.stimulation.devices.registry import DeviceOptions, quantized_down
+from rpms_ros.stimulation.devices.serial_line import SerialDevice
+from rpms_ros.stimulation.limits.device_specification import (
+    load_device_specification,
+)
 
+MODULE = """
+from rpms_ros.stimulation.devices import SimulatedDevice
+
+class AcmeDevice(SimulatedDevice):
+    def __init__(self, options):
+        super().__init__(steps=200)
+        self.options = options
+
+class Half:
+    real = True
+    def open(self): ...
+
+def half(options):
+    return Half()
+
+not_callable = 7
+"""
 WIDTH = 100e-6
+HELD = rapid2.REMOTE | rapid2.COIL_PRESENT
+
+
+@pytest.fixture
+def distribution(tmp_path, monkeypatch):
+    """Put a distribution with these entry points on the path."""
+
+    def install(entry_points, name='acme_stimulator'):
+        folder = tmp_path / name
+        metadata = folder / f'{name}-1.0.dist-info'
+        metadata.mkdir(parents=True)
+        (folder / f'{name}.py').write_text(MODULE)
+        (metadata / 'METADATA').write_text(f'Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n')
+        (metadata / 'entry_points.txt').write_text(f'[rpms_ros.devices]\n{entry_points}\n')
+        monkeypatch.syspath_prepend(folder)
+
+    return install
+
+
+def ready(**options):
+    now = [0]
+
+    def wait(seconds):
+        now[0] += round(seconds * 1e9)
+
+    device = SimulatedDevice(clock=lambda: now[0], wait=wait, **options)
+    device.open()
+    device.arm()
+    device.prepare(0.5)
+    return device, now
+
+
+def test_devices_of_the_package_are_registered_like_any_other():
+    registry.require_device('serial')
+    assert type(registry.build_device('simulated', DeviceOptions())) is SimulatedDevice
+    device = registry.build_device('serial', DeviceOptions('/dev/ttyUSB7', 0.455))
+    assert type(device) is SerialDevice
+    assert device._line.port == '/dev/ttyUSB7'
+    assert device._line.limits.maximum_percent == 45
+
+
+def test_device_from_outside_of_the_package(distribution):
+    with pytest.raises(StimulationError, match=r'device: expected one of serial, simulated'):
+        registry.require_device('acme')
+    distribution('acme = acme_stimulator:AcmeDevice')
+    registry.require_device('acme')
+    options = DeviceOptions('usb:3', 0.5)
+    device = registry.build_device('acme', options)
+    assert type(device).__name__ == 'AcmeDevice'
+    assert device.options == options
+    device.open()
+    assert device.arm().armed
+    assert device.quantized(0.4567) == 0.455
+
+
+def test_driver_takes_a_device_from_outside_by_its_name(distribution):
+    from rpms_ros.errors import NodeError
+    from rpms_ros.nodes.driver.parameters import DriverParameters, build_device
+
+    distribution('acme = acme_stimulator:AcmeDevice')
+    # whatever is not `simulated` is held to what a real device needs
+    with pytest.raises(NodeError, match='with a real device, got'):
+        DriverParameters(device='acme', autostart=True)
+    settings = DriverParameters()
+    object.__setattr__(settings, 'device', 'acme')
+    specification = load_device_specification('simulated')
+    assert type(build_device(settings, specification)).__name__ == 'AcmeDevice'
+
+
+def test_name_that_two_distributions_claim(distribution):
+    distribution('simulated = acme_stimulator:AcmeDevice')
+    with pytest.raises(
+        StimulationError,
+        match=r"device: expected one of the name 'simulated', got acme.* and rpms",
+    ):
+        registry.build_device('simulated', DeviceOptions())
+
+
+@pytest.mark.parametrize(
+    ('target', 'match'),
+    [
+        ('acme_stimulator:Nothing', r"expected the device 'acme' at .*, got AttributeError"),
+        ('acme_nowhere:AcmeDevice', r"expected the device 'acme' at .*, got ModuleNotFoundError"),
+        ('acme_stimulator:not_callable', r"expected the device 'acme' at .*, got TypeError"),
+        (
+            'acme_stimulator:half',
+            r'expected a device at .*, got Half without arm, arm_s, beat, .*, trigger_s',
+        ),
+    ],
+)
+def test_device_that_cannot_be_had(distribution, target, match):
+    distribution(f'acme = {target}')
+    with pytest.raises(StimulationError, match=match):
+        registry.build_device('acme', DeviceOptions())
 
 
 @given(st.floats(0.0, 1.0), st.sampled_from([1, 3, 7, 100, 255]))
@@ -32,22 +151,109 @@ def test_every_percent_stays_what_it_is():
     assert quantized_down(0.555, 100) == 0.55
 
 
-def ready(**options):
-    now = [0]
-
-    def wait(seconds):
-        now[0] += round(seconds * 1e9)
-
-    device = SimulatedDevice(clock=lambda: now[0], wait=wait, **options)
-    device.open()
-    device.arm()
-    device.prepare(0.5)
-    return device, now
-
-
 def test_trigger_after_its_latest_time_is_not_given():
     device, now = ready()
     assert device.fire(0.5, WIDTH, now[0]) is not None
     with pytest.raises(TooLate, match='expected a trigger until -1 ns, got one at 0'):
         device.fire(0.5, WIDTH, now[0] - 1)
     assert len(device.fired) == 1
+
+
+def test_published_frames_have_their_published_check_bytes():
+    assert framed(b'@050') == b'@050\x2a'
+    assert framed(b'X@') == b'X@\x67'
+    assert framed(b'Q@') == b'Q@n'
+
+
+def test_answer_has_status_and_data():
+    answer = rapid2.parsed(b'EH', framed(b'E' + bytes([HELD | rapid2.READY])), 3)
+    assert answer == (HELD | rapid2.READY, b'')
+    assert rapid2.parsed(b'F@', framed(b'F' + bytes([HELD]) + b'253251'), 9).data == b'253251'
+
+
+@pytest.mark.parametrize('command', [b'EH', b'@020', b'F@', b'\\@', b'Q@'])
+@pytest.mark.parametrize(('letter', 'why'), [(b'S', 'does not suit'), (b'?', 'does not accept')])
+def test_a_refusal_is_never_a_status(command, letter, why):
+    # both letters have the bit of an armed device
+    assert letter[0] & rapid2.ARMED
+    refusal = framed(command[:1] + letter)
+    for length in (3, 9, 22, rapid2.UNTIL_ZERO):
+        assert rapid2.complete(refusal, length)
+    with pytest.raises(ValueError, match=f'expected the instrument to obey .*{why}'):
+        rapid2.parsed(command, refusal, 3)
+    # not even where its check byte is wrong, or it is cut
+    for broken in (refusal[:2] + b'\0', refusal[:2]):
+        with pytest.raises(ValueError, match='expected'):
+            rapid2.parsed(command, broken, 3)
+
+
+def test_status_without_remote_control_or_against_itself():
+    with pytest.raises(ValueError, match='expected remote control, got status 0x08 to EH'):
+        rapid2.parsed(b'EH', framed(b'E' + bytes([rapid2.COIL_PRESENT])), 3)
+    both = HELD | rapid2.STANDBY | rapid2.READY
+    with pytest.raises(ValueError, match='expected standby or armed, got both'):
+        rapid2.parsed(b'EH', framed(b'E' + bytes([both])), 3)
+
+
+@given(st.binary(max_size=12))
+def test_any_bytes_are_an_answer_or_an_error(raw):
+    # as many bytes as there are, so that the length alone does not refuse them
+    sound = len(raw) >= 3 and raw[:1] == b'E' and framed(raw[:-1]) == raw
+    held = sound and raw[1] & rapid2.REMOTE
+    if held and not (raw[1] & rapid2.STANDBY and raw[1] & (rapid2.ARMED | rapid2.READY)):
+        assert rapid2.parsed(b'EH', raw, len(raw)) == (raw[1], raw[2:-1])
+    else:
+        with pytest.raises(ValueError, match='expected'):
+            rapid2.parsed(b'EH', raw, len(raw))
+
+
+@pytest.mark.parametrize(
+    'frame',
+    [
+        b'',
+        b'E',
+        b'EH',
+        b'EH\x00',
+        framed(b'b@'),
+        framed(b'R@'),
+        framed(b'[010'),
+        framed(b'@101'),
+        framed(b'@9'),
+    ],
+)
+def test_frames_that_no_driver_has_use_for(frame):
+    assert rapid2.command_of(frame) is None
+
+
+def test_every_percent_is_a_command_and_nothing_else_is():
+    for percent in range(101):
+        assert rapid2.percent_of(rapid2.power(percent)) == percent
+        assert rapid2.command_of(framed(rapid2.power(percent))) == rapid2.power(percent)
+    for none in (b'@101', b'@1 0', b'@+10', b'@-01', b'A050', '@٠٥٠'.encode()):
+        assert rapid2.percent_of(none) is None
+    with pytest.raises(ValueError, match=r'expected an intensity in 0\.\.100 percent, got 101'):
+        rapid2.power(101)
+
+
+@pytest.mark.parametrize(
+    ('text', 'major', 'length'),
+    [(b'5.0.0', 5, 21), (b'7.1', 7, 22), (b' 9.0.1', 9, 24), (b'11.0.0', 11, 24)],
+)
+def test_version_says_how_long_the_parameters_are(text, major, length):
+    assert rapid2.version_of(framed(b'N' + text + b'\0')) == major
+    assert rapid2.parameters_length(major) == length
+
+
+@pytest.mark.parametrize('answer', [b'', b'N', framed(b'Nabc\0'), framed(b'N\0'), b'N7.1\0\0'])
+def test_what_is_no_version(answer):
+    with pytest.raises(ValueError, match='expected a version'):
+        rapid2.version_of(answer)
+
+
+def test_numbers_in_the_data():
+    assert rapid2.set_percent(b'\x38040001000100100001') == 40
+    assert rapid2.celsius(b'253401') == 40.1
+    with pytest.raises(ValueError, match='expected an intensity in percent, got'):
+        rapid2.set_percent(b'\x38 40')
+    with pytest.raises(ValueError, match='expected two temperatures in tenths of a degree, got'):
+        rapid2.celsius(b'25325x')

@@ -8,9 +8,7 @@ import sys
 import textwrap
 
 import pytest
-from hypothesis import given, settings, strategies as st
 
-from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation.limits.limits import BookedPulse, DoseExceeded, DoseLimits, LedgerError
 from rpms_ros.stimulation.records.clocks import EARLIEST_WALL_NS, Clocks
 from rpms_ros.stimulation.records.dose_ledger import DoseLedger, MemoryLedger
@@ -143,14 +141,6 @@ def test_what_was_reserved_counts_after_a_kill_and_what_was_given_back_does_not(
         third.take(number)
     third.close()
     assert opened().totals() == (11, 110.0)
-
-
-def test_pulses_that_were_planned_for_later_count_as_now(machine, opened):
-    first = opened()
-    first.reserve(planned(machine, 3, ahead_s=0.5))
-    killed(first)
-    history = opened().history(machine.monotonic)
-    assert [pulse.time_ns for pulse in history] == [machine.monotonic] * 3
 
 
 def test_device_and_patient_are_counted_apart(machine, opened):
@@ -385,30 +375,6 @@ def test_a_flipped_bit_anywhere_is_refused_or_changes_nothing(machine, tmp_path,
     assert refused > 300
 
 
-@given(st.binary(max_size=200), st.integers(0, 2000))
-@settings(max_examples=60, deadline=None)
-def test_any_tail_is_refused_or_only_adds(tmp_path_factory, tail, cut):
-    folder = tmp_path_factory.mktemp('ledger')
-    machine = Machine()
-    first = DoseLedger(folder, 'coil-1', 'P01', None, machine.clocks)
-    first.reserve(planned(machine, 3))
-    size = ledgers_of(folder)[0].stat().st_size
-    first.reserve(planned(machine, 3))
-    killed(first)
-    device, patient = ledgers_of(folder)
-    data = device.read_bytes()
-    device.write_bytes(data[: max(size, len(data) - cut)] + tail)
-    if len(data) - cut < len(data):
-        lines = patient.read_bytes().splitlines(keepends=True)
-        patient.write_bytes(b''.join(lines[:-1]))
-    try:
-        ledger = DoseLedger(folder, 'coil-1', 'P01', None, machine.clocks)
-    except LedgerError:
-        return
-    with ledger:
-        assert len([p for p in ledger.history(0) if p.on_patient]) >= 3
-
-
 LIMITED = """
     import resource, sys, time
     from pathlib import Path
@@ -447,26 +413,6 @@ def test_a_full_disk_is_an_error_and_what_was_reserved_before_counts(tmp_path):
     with DoseLedger(tmp_path, 'coil-1', 'P01') as ledger:
         # the last one, which was refused, counts as far as it can be read
         assert reserved <= len(ledger.history(0)) <= reserved + 7
-
-
-def test_a_folder_that_cannot_be_written(tmp_path):
-    file = tmp_path / 'file'
-    file.write_text('')
-    with pytest.raises(LedgerError, match=r'expected .* to write and lock, got'):
-        DoseLedger(file / 'ledgers', 'coil-1', 'P01')
-
-
-def test_a_closed_ledger_reserves_nothing(machine, opened):
-    ledger = opened()
-    ledger.close()
-    ledger.close()
-    with pytest.raises(LedgerError, match='expected a working ledger, got a closed ledger'):
-        ledger.reserve(planned(machine, 1))
-
-
-def test_values_that_no_file_can_hold(machine, opened):
-    with pytest.raises(StimulationError, match='expected a record that JSON can hold'):
-        opened(dose=None).reserve([BookedPulse(machine.monotonic, float('nan'), 1.0)])
 
 
 def test_the_dose_holds_across_kills(tmp_path, beside):

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Forecasts: what public figures say of the paper's excitations, and specifications."""
+"""Forecasts: what public figures say of the paper's excitations, and of each limit."""
 
 import dataclasses
 
@@ -24,6 +24,7 @@ from rpms_ros.stimulation.limits.forecast import Trial, forecast, forecast_plan
 from rpms_ros.stimulation.limits.limits import Limits, PulseLimiter
 
 SHIPPED = load_device_specification('rapid2-240v')
+SECOND = 1_000_000_000
 # of a subject who knows every intensity: the other limits are looked at one by one
 RAPID = dataclasses.replace(
     SHIPPED,
@@ -31,8 +32,6 @@ RAPID = dataclasses.replace(
         SHIPPED.limits, maximum_intensity_step=1.0, maximum_intensity_rise=1.0
     ),
 )
-WARM = dataclasses.replace(RAPID, thermal=CoilThermal(20.0, 0.5, 100.0, 10.0, 40.0))
-SECOND = 1_000_000_000
 
 
 def limits_broken(schedule):

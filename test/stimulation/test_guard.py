@@ -1,28 +1,41 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The guard: what it relays, what it refuses, and real processes that die, hang or are stopped."""
+"""The guard: what it relays and refuses, a busy line, processes that die, hang or are stopped."""
 
 import os
 import random
+import select
 import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from dataclasses import astuple
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 import rpms_ros.guard
 from rpms_ros.guard import packets, rapid2
 from rpms_ros.guard.packets import Packet
-from rpms_ros.guard.relay import Guard, GuardLimits
-from rpms_ros.stimulation.devices.serial_line import open_port
+from rpms_ros.guard.relay import (
+    Guard,
+    GuardLimits,
+    Line,
+    LineBusy,
+    LineError,
+    write,
+    write_silence,
+)
+from rpms_ros.stimulation.devices.serial_line import Descriptor, GuardedLine, open_port
 
+COMMANDS = (b'Q@', b'EA', b'EB', b'EB', b'EH', b'EH', b'EH', b'F@')
+FILLER = b'\x55' * 20_000
 TRAIN = Path(__file__).parents[1] / 'guarded_train.py'
 RATE_HZ = 20.0
-COMMANDS = (b'Q@', b'EA', b'EB', b'EB', b'EH', b'EH', b'EH', b'F@')
+A, B = b'a', b'b'
 
 
 class Driver:
@@ -88,6 +101,183 @@ def driver(fake):
     driving = Driver(fake.port, beat_limit_s=20.0, answer_limit_s=5.0, keep_alive_s=20.0)
     yield driving
     driving.close()
+
+
+def random_packet(chance):
+    """Return a packet of a driver gone wrong: known and unknown frames, silences, noise."""
+    kind = chance.choices(
+        [packets.EXCHANGE, packets.BEAT, packets.LISTEN, packets.SILENCE, b'noise'],
+        [200, 20, 10, 4, 1],
+    )[0]
+    if kind == b'noise':
+        return chance.randbytes(chance.randrange(1, 60))
+    percents = chance.choices([0, 20, 40, 41, 100], [10, 10, 10, 1, 1])
+    frame = rapid2.framed(chance.choice([*COMMANDS, rapid2.power(percents[0])]))
+    if chance.random() < 0.005:
+        frame = chance.randbytes(chance.randrange(6))
+    latest = packets.FOREVER_NS if chance.random() < 0.9 else 0
+    payload = bytes([3]) + frame if kind == packets.EXCHANGE else b''
+    return packets.packed(Packet(kind, chance.randrange(2**32), latest, payload))
+
+
+def attacked_at_random(fake, chance):
+    """Send what comes to mind to a guard, until it ends or a pulse was given."""
+    driver = Driver(fake.port, beat_limit_s=20.0, answer_limit_s=5.0, maximum_percent=40)
+    assert driver.listen().exchange(b'Q@').kind == packets.ANSWER
+    # begin anew whenever it was refused: most of what follows then passes
+    anew = [Packet(packets.LISTEN)]
+    for body in (b'@020', b'EB', b'EH'):
+        payload = b'\x03' + rapid2.framed(body)
+        anew.append(Packet(packets.EXCHANGE, 1, packets.FOREVER_NS, payload))
+    coming = []
+    for turn in range(2000):
+        # on a busy machine an answer may come too late for a trigger to follow
+        if turn >= 200 and fake.fired():
+            break
+        try:
+            driver.socket.settimeout(0.5 if coming else 0.01)
+            driver.socket.send(coming.pop(0) if coming else random_packet(chance))
+            if driver.received().kind in (packets.REFUSED, packets.DISARMED):
+                coming = [packets.packed(packet) for packet in anew]
+        except TimeoutError:
+            continue
+        except (OSError, ValueError):
+            # it has ended
+            break
+    driver.close()
+
+
+class BusyPort:
+    """A port on which somebody else writes more than it takes: the kernel holds others off."""
+
+    def __init__(self, wait_for):
+        self.master, slave = os.openpty()
+        self.heard = bytearray()
+        self.line = os.open(os.ttyname(slave), os.O_RDWR | os.O_NONBLOCK | os.O_NOCTTY)
+        os.set_blocking(slave, True)
+        self._slave = slave
+        self._writing = threading.Thread(target=self._write)
+        self._writing.start()
+        wait_for(self.is_busy)
+
+    def _write(self):
+        left = FILLER
+        while left:
+            left = left[os.write(self._slave, left) :]
+
+    def is_busy(self):
+        try:
+            write(self.line, b'?')
+        except LineBusy:
+            return True
+        return False
+
+    def drain(self):
+        """Read until the other has written everything, and a silence has come."""
+        while self._writing.is_alive() or rapid2.SILENCE not in self.heard:
+            self.heard += self._read()
+        self._writing.join()
+
+    def _read(self):
+        # what the other wrote last may have been read already, while it is about to end
+        ready = select.select([self.master], [], [], 0.05)[0]
+        return os.read(self.master, 4096) if ready else b''
+
+    def close(self):
+        while self._writing.is_alive():
+            self._read()
+        for descriptor in (self.line, self._slave, self.master):
+            os.close(descriptor)
+
+
+@pytest.fixture
+def port(wait_for):
+    busy = BusyPort(wait_for)
+    yield busy
+    busy.close()
+
+
+@pytest.fixture
+def drained(port, monkeypatch):
+    """Drain the port from the first pause of a write on; the pauses, however many it takes."""
+    monkeypatch.setattr('rpms_ros.guard.relay._PATIENCE_S', 20.0)
+    reading = threading.Thread(target=port.drain)
+    pauses = []
+
+    def pause(seconds):
+        if not pauses:
+            reading.start()
+        pauses.append(seconds)
+        time.sleep(seconds)
+
+    clock = SimpleNamespace(monotonic=time.monotonic, sleep=pause)
+    monkeypatch.setattr('rpms_ros.guard.relay.time', clock)
+    yield pauses
+    reading.join()
+    assert pauses
+    assert FILLER[-100:] + rapid2.SILENCE in port.heard
+
+
+class Train:
+    """A driver as a process, firing through its guard; a loaded machine may hold up each of them.
+
+    A test in which somebody is stopped or hangs waits for one of the limits.
+    """
+
+    def __init__(self, port, beat_limit_s=5.0, answer_limit_s=5.0):
+        limits = str(beat_limit_s), str(answer_limit_s)
+        self.process = subprocess.Popen(
+            [sys.executable, str(TRAIN), port, str(RATE_HZ), *limits],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        said = self.process.stdout.readline()
+        assert said.startswith('guard'), self.process.stderr.read()
+        self.guard = int(said.split()[1])
+
+    def close(self):
+        for pid in (self.process.pid, self.guard):
+            try:
+                os.kill(pid, signal.SIGCONT)
+                os.kill(pid, signal.SIGKILL)
+            except ProcessLookupError:
+                continue
+        self.process.communicate()
+
+
+@pytest.fixture
+def train(instrument, wait_for):
+    """Start an instrument and a train on it; its own watchdog comes last."""
+    running = []
+
+    def start(watchdog_s=20.0, **options):
+        fake = instrument(watchdog_s=watchdog_s)
+        running.append(Train(fake.port, **options))
+        wait_for(lambda: len(fake.triggers) > 2)
+        return fake, running[-1]
+
+    yield start
+    for each in running:
+        each.close()
+
+
+def gone(pid):
+    try:
+        return Path(f'/proc/{pid}/stat').read_text().rsplit(')', 1)[1].split()[0] == 'Z'
+    except OSError:
+        return True
+
+
+def assert_silent(fake, wait_for, why):
+    wait_for(lambda: not fake.armed)
+    assert fake.disarmed[-1][1] == why
+    fired = len(fake.triggers)
+    heard = len(fake.commands)
+    # the guard asks until the instrument has said that it is disarmed
+    wait_for(lambda: len(fake.commands) >= heard)
+    assert len(fake.triggers) == fired
+    assert fake.percent == 0 or why == 'watchdog'
 
 
 def test_exchange_is_relayed_with_the_moment_of_its_writing(driver):
@@ -313,50 +503,6 @@ def test_guard_knows_neither_numpy_nor_ros_nor_an_environment(tmp_path):
     assert found.stdout.strip() == "['__main__', 'rpms_ros']"
 
 
-def random_packet(chance):
-    """Return a packet of a driver gone wrong: known and unknown frames, silences, noise."""
-    kind = chance.choices(
-        [packets.EXCHANGE, packets.BEAT, packets.LISTEN, packets.SILENCE, b'noise'],
-        [200, 20, 10, 4, 1],
-    )[0]
-    if kind == b'noise':
-        return chance.randbytes(chance.randrange(1, 60))
-    percents = chance.choices([0, 20, 40, 41, 100], [10, 10, 10, 1, 1])
-    frame = rapid2.framed(chance.choice([*COMMANDS, rapid2.power(percents[0])]))
-    if chance.random() < 0.005:
-        frame = chance.randbytes(chance.randrange(6))
-    latest = packets.FOREVER_NS if chance.random() < 0.9 else 0
-    payload = bytes([3]) + frame if kind == packets.EXCHANGE else b''
-    return packets.packed(Packet(kind, chance.randrange(2**32), latest, payload))
-
-
-def attacked_at_random(fake, chance):
-    """Send what comes to mind to a guard, until it ends or a pulse was given."""
-    driver = Driver(fake.port, beat_limit_s=20.0, answer_limit_s=5.0, maximum_percent=40)
-    assert driver.listen().exchange(b'Q@').kind == packets.ANSWER
-    # begin anew whenever it was refused: most of what follows then passes
-    anew = [Packet(packets.LISTEN)]
-    for body in (b'@020', b'EB', b'EH'):
-        payload = b'\x03' + rapid2.framed(body)
-        anew.append(Packet(packets.EXCHANGE, 1, packets.FOREVER_NS, payload))
-    coming = []
-    for turn in range(2000):
-        # on a busy machine an answer may come too late for a trigger to follow
-        if turn >= 200 and fake.fired():
-            break
-        try:
-            driver.socket.settimeout(0.5 if coming else 0.01)
-            driver.socket.send(coming.pop(0) if coming else random_packet(chance))
-            if driver.received().kind in (packets.REFUSED, packets.DISARMED):
-                coming = [packets.packed(packet) for packet in anew]
-        except TimeoutError:
-            continue
-        except (OSError, ValueError):
-            # it has ended
-            break
-    driver.close()
-
-
 @pytest.mark.parametrize('seed', range(6))
 def test_whatever_a_driver_sends_no_trigger_passes_the_bound_and_it_ends_disarmed(
     fake, seed, wait_for
@@ -373,3 +519,139 @@ def test_whatever_a_driver_sends_no_trigger_passes_the_bound_and_it_ends_disarme
     assert fake.fired()
     assert all(percent <= 40 for percent in fake.fired())
     assert not {b'@041', b'@100'} & set(fake.frames)
+
+
+@pytest.mark.usefixtures('drained')
+def test_a_silence_of_the_driver_waits_while_its_guard_writes(port):
+    line = GuardedLine('unused', GuardLimits())
+    line._line = Descriptor(os.dup(port.line))
+    assert line.silence()
+
+
+@pytest.mark.usefixtures('drained')
+def test_a_guard_whose_driver_writes_relays_no_trigger_and_disarms(port):
+    driver, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    with driver, theirs:
+        guard = Guard(port.line, theirs.fileno(), GuardLimits(), wakeup=-1)
+        guard._live, guard._percent = True, 40
+        payload = bytes([rapid2.STATUS_LENGTH]) + rapid2.framed(rapid2.TRIGGER)
+        guard._take(Packet(packets.EXCHANGE, 5, packets.FOREVER_NS, payload))
+        kinds = {packets.unpacked(driver.recv(1000), packets.FROM_GUARD).kind for _ in range(2)}
+        assert kinds == {packets.REFUSED, packets.DISARMED}
+        assert not guard.ended
+        assert rapid2.framed(rapid2.TRIGGER) not in port.heard
+
+
+def test_a_command_does_not_wait(port):
+    line = Line(port.line)
+    with pytest.raises(LineBusy, match='expected a line to write to, got'):
+        line.ask(rapid2.TRIGGER, rapid2.STATUS_LENGTH)
+    assert line.outstanding is None
+
+
+def test_a_line_that_takes_nothing_is_given_up(port):
+    began = time.monotonic()
+    with pytest.raises(LineError, match='expected a line to write to, got'):
+        write_silence(port.line, rapid2.SILENCE)
+    # not before the patience is over
+    assert time.monotonic() - began >= 0.05
+
+
+def test_a_guard_whose_line_takes_nothing_disarms_when_it_does(port, wait_for):
+    driver, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    reading, writing = os.pipe()
+    with theirs:
+        theirs.setblocking(False)
+        guard = Guard(port.line, theirs.fileno(), GuardLimits(), reading)
+        driver.close()
+        reasons = []
+        guarding = threading.Thread(target=lambda: reasons.append(guard.run()))
+        guarding.start()
+        # longer than all its attempts on a line that takes them
+        end = time.monotonic() + 1.0
+        wait_for(lambda: reasons or time.monotonic() > end)
+        assert not reasons
+        port.drain()
+        guarding.join()
+    assert reasons[0].startswith('the driver is gone')
+    for descriptor in (reading, writing):
+        os.close(descriptor)
+
+
+def test_what_a_line_takes_in_part_is_tried_again(monkeypatch):
+    parts = iter([3, 5, 8])
+    monkeypatch.setattr('rpms_ros.guard.relay.os.write', lambda _, __: next(parts))
+    write_silence(-1, rapid2.SILENCE)
+    assert len(rapid2.SILENCE) == 8
+    assert not list(parts)
+
+
+def test_driver_is_killed(train, wait_for):
+    fake, run = train()
+    run.process.kill()
+    assert_silent(fake, wait_for, 'was told to')
+    wait_for(lambda: gone(run.guard))
+    wait_for(lambda: fake.frames[-1] == b'R@')
+
+
+def test_driver_is_stopped_and_goes_on(train, wait_for):
+    fake, run = train(beat_limit_s=3.0, answer_limit_s=3.0)
+    run.process.send_signal(signal.SIGSTOP)
+    assert_silent(fake, wait_for, 'was told to')
+    fired = len(fake.triggers)
+    run.process.send_signal(signal.SIGCONT)
+    said = run.process.stdout.readline()
+    assert 'fault' in said
+    assert 'sign of life of the driver' in said
+    assert run.process.wait(60) == 0
+    assert len(fake.triggers) == fired
+
+
+def test_guard_is_killed(train, wait_for):
+    fake, run = train()
+    os.kill(run.guard, signal.SIGKILL)
+    # past the guard
+    assert_silent(fake, wait_for, 'was told to')
+    assert 'fault' in run.process.stdout.readline()
+    assert run.process.wait(60) == 0
+
+
+def test_guard_is_stopped_and_goes_on(train, wait_for):
+    fake, run = train(beat_limit_s=3.0, answer_limit_s=3.0)
+    os.kill(run.guard, signal.SIGSTOP)
+    assert_silent(fake, wait_for, 'was told to')
+    fired = len(fake.triggers)
+    os.kill(run.guard, signal.SIGCONT)
+    assert 'fault' in run.process.stdout.readline()
+    assert run.process.wait(60) == 0
+    wait_for(lambda: gone(run.guard))
+    assert len(fake.triggers) == fired
+
+
+def test_both_are_killed(train, wait_for):
+    fake, run = train(watchdog_s=3.0)
+    os.kill(run.guard, signal.SIGSTOP)
+    run.process.kill()
+    os.kill(run.guard, signal.SIGKILL)
+    assert_silent(fake, wait_for, 'watchdog')
+
+
+def test_instrument_hangs(train, wait_for):
+    fake, run = train(answer_limit_s=3.0)
+    fake.hang = True
+    assert 'fault' in run.process.stdout.readline()
+    fired = len(fake.triggers)
+    fake.hang = False
+    assert_silent(fake, wait_for, 'was told to')
+    # what it had in its ears it may still do
+    assert len(fake.triggers) <= fired + 1
+    assert run.process.wait(60) == 0
+
+
+@pytest.mark.parametrize('number', ['SIGTERM', 'SIGSEGV'])
+def test_a_signal_to_the_group_of_the_driver_leaves_the_guard(train, wait_for, number):
+    fake, run = train()
+    run.process.send_signal(signal.Signals[number])
+    assert_silent(fake, wait_for, 'was told to')
+    wait_for(lambda: gone(run.guard))
+    assert os.getsid(0) != run.guard

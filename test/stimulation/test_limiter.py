@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The limiter: each limit by itself, and what jitter may and may not do."""
+"""The limiter and its forecast: each limit by itself, and what jitter may and may not do."""
 
 import dataclasses
 import math
@@ -8,16 +8,18 @@ import math
 import pytest
 
 from rpms_ros.errors import StimulationError
-from rpms_ros.stimulation.limits.device_specification import load_device_specification
+from rpms_ros.stimulation.limits.device_specification import (
+    load_device_specification,
+)
 from rpms_ros.stimulation.limits.limits import BookedPulse, Limits, PulseLimiter
 
-SECOND = 1_000_000_000
-WIDTH = 100e-6
 RAPID = dataclasses.replace(
     load_device_specification('rapid2-240v').limits,
     maximum_intensity_step=1.0,
     maximum_intensity_rise=1.0,
 )
+WIDTH = 100e-6
+SECOND = 1_000_000_000
 
 
 def give(limiter, times_s, intensity):
@@ -47,17 +49,6 @@ def test_intensity(intensity):
 )
 def test_width(width, limit):
     assert PulseLimiter(Limits()).refusal(0, 0.5, width).limit == limit
-
-
-@pytest.mark.parametrize(
-    ('intensity', 'rate'), [(0.3, 50.0), (0.31, 30.0), (0.5, 30.0), (0.7, 20.0), (0.71, 15.0)]
-)
-def test_rate_against_intensity(intensity, rate):
-    assert RAPID.highest_rate_hz(intensity) == rate
-    assert give(PulseLimiter(RAPID, 0.0), regular(5, rate), intensity) is None
-    assert give(PulseLimiter(RAPID, 0.0), regular(5, rate * 1.01), intensity) in {
-        'rate_limits_hz', 'maximum_rate_hz',
-    }  # fmt: skip
 
 
 def test_stronger_pulse_of_an_interval_decides():

@@ -1,27 +1,52 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Schedules: what segments in a row add up to, and what their text says."""
+"""Schedules: segments and what they add up to, protocols, and any text whatever."""
+
+import os
+from collections import Counter
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import given, settings, strategies as st
 
 from rpms_ros.errors import StimulationError
+from rpms_ros.identification.analysis.responses import Kind, groups_of
 from rpms_ros.stimulation import (
-    SEGMENT_KINDS,
     Constant,
     DescriptionError,
+    Doublet,
+    MultilevelPRBS,
     Pause,
+    PulseBurst,
+    Ramp,
     Repeat,
     Schedule,
     Single,
+    Sinusoid,
+    Staircase,
     UniformRandom,
     load_schedule,
     paper_random,
     paper_sinusoid,
+    schedule_from_mapping,
     schedule_from_text,
     schedule_to_text,
 )
+from rpms_ros.stimulation.limits.device_specification import (
+    load_device_specification,
+)
+from rpms_ros.stimulation.limits.patient import load_patient
+from rpms_ros.stimulation.schedule.protocols import (
+    FIELD_LEVELS,
+    FIELD_RATES_HZ,
+    TRAIN_RATES_HZ,
+    TWITCH_INTENSITIES,
+    recruitment,
+    trains,
+    twitches,
+)
+from rpms_ros.stimulation.schedule.schedule import LONGEST_NAME
+from rpms_ros.stimulation.schedule.segments import maximal_sequence
 
 SIMPLE = st.one_of(
     st.builds(
@@ -35,6 +60,10 @@ SIMPLE = st.one_of(
     st.builds(Pause, duration_s=st.floats(0.1, 3.0)),
     st.builds(Single, intensity=st.floats(0.0, 1.0)),
 )
+RATES = st.floats(0.5, 200.0)
+DURATIONS = st.floats(0.01, 20.0)
+# set by bench/hostile_texts.py for the full count
+COUNT = int(os.environ.get('RPMS_HOSTILE_TEXTS', '150'))
 ITEMS = st.recursive(
     SIMPLE,
     lambda inner: st.builds(
@@ -47,6 +76,45 @@ ITEMS = st.recursive(
 SCHEDULES = st.builds(
     Schedule, segments=st.lists(ITEMS, min_size=1, max_size=4).map(tuple), seed=st.integers(0, 99)
 )
+
+
+def nested(depth):
+    inner = '{kind: single}'
+    for _ in range(depth):
+        inner = f'{{kind: repeat, times: 1, segments: [{inner}]}}'
+    return f'segments: [{inner}]'
+
+
+def many(segment):
+    inner = f'{{kind: repeat, times: 100000, segments: [{segment}]}}'
+    return f'segments: [{{kind: repeat, times: 100000, segments: [{inner}]}}]'
+
+
+def intensities(segment):
+    return Schedule((segment,)).plan.intensity
+
+
+def kinds(schedule):
+    return [group.kind for group in groups_of(schedule.pulses())]
+
+
+def check(text):
+    """Read a text; what comes of it has to be good or refused with a reason."""
+    try:
+        schedule = schedule_from_text(text)
+        plan = schedule.plan if schedule.pulse_count < 5000 else None
+    except StimulationError as fault:
+        said = str(fault)
+        assert 'expected' in said
+        assert said.isprintable()
+        assert len(said) < 1500
+        return
+    assert schedule.name.isprintable()
+    assert 0 < len(schedule.name) <= LONGEST_NAME
+    assert schedule_from_text(schedule_to_text(schedule)) == schedule
+    if plan is not None:
+        assert np.all(np.diff(plan.onset_ns) >= 0)
+        assert np.all((plan.intensity >= 0.0) & (plan.intensity <= 1.0))
 
 
 @given(SCHEDULES)
@@ -85,30 +153,12 @@ def test_segments_follow_one_another_to_the_nanosecond():
     assert schedule.totals.highest_rate_hz == pytest.approx(30.0, rel=1e-6)
 
 
-def test_random_segments_differ_from_one_repetition_to_the_next():
-    draws = Repeat((UniformRandom(rate_hz=20.0, duration_s=1.0),), times=2)
-    values = Schedule((draws,)).plan.intensity.reshape(2, 20)
-    assert not np.array_equal(values[0], values[1])
-
-
 def test_the_paper_excitations():
     random, sinusoid = paper_random(seed=3), paper_sinusoid()
     assert np.array_equal(random.plan.intensity, np.random.default_rng(3).uniform(0, 1, 1800))
     assert (random.length_s, sinusoid.length_s) == (90.0, 90.0)
     assert sinusoid.totals.highest_intensity == 1.0
     assert np.mean(sinusoid.plan.intensity**2) == pytest.approx(3 / 8, abs=1e-12)
-
-
-def nested(depth):
-    inner = '{kind: single}'
-    for _ in range(depth):
-        inner = f'{{kind: repeat, times: 1, segments: [{inner}]}}'
-    return f'segments: [{inner}]'
-
-
-def many(segment):
-    inner = f'{{kind: repeat, times: 100000, segments: [{segment}]}}'
-    return f'segments: [{{kind: repeat, times: 100000, segments: [{inner}]}}]'
 
 
 @pytest.mark.parametrize(
@@ -163,13 +213,6 @@ def test_malformed_text_is_refused_with_its_place(text, fault):
         schedule_from_text(text)
 
 
-def test_every_kind_can_be_described():
-    assert set(SEGMENT_KINDS) == {
-        'constant', 'ramp', 'staircase', 'sinusoid', 'uniform_random', 'multilevel_prbs',
-        'single', 'doublet', 'n_let', 'pause',
-    }  # fmt: skip
-
-
 def test_file_is_named_in_its_fault(tmp_path):
     path = tmp_path / 'schedule.yaml'
     path.write_text('segments:\n- {kind: pause}\n')
@@ -189,3 +232,182 @@ def test_fault_knows_its_place():
         Schedule(())
     with pytest.raises(StimulationError, match='at least one segment to repeat, got none'):
         Repeat(())
+
+
+@given(rate=RATES, final=RATES, duration=DURATIONS)
+def test_pulses_begin_at_zero_ascend_and_end_within_the_segment(rate, final, duration):
+    onset = Constant(rate_hz=rate, duration_s=duration, final_rate_hz=final).onsets_ns()
+    assert onset[0] == 0
+    assert np.all(np.diff(onset) > 0)
+    assert onset[-1] < round(duration * 1e9) or len(onset) == 1
+
+
+@given(rate=RATES, final=RATES, duration=DURATIONS)
+def test_sweep_fires_when_its_phase_is_whole(rate, final, duration):
+    onset = Constant(rate_hz=rate, duration_s=duration, final_rate_hz=final).onsets_ns() / 1e9
+    phase = rate * onset + (final - rate) * onset**2 / (2 * duration)
+    # onsets are rounded to 1 ns: at 200 Hz that is 1e-7 of a period
+    assert phase == pytest.approx(np.arange(len(onset)), abs=1e-6)
+
+
+def test_ramp_meets_its_ends():
+    values = intensities(Ramp(rate_hz=100.0, duration_s=1.0, start=0.2, end=0.7))
+    assert values[0] == 0.2
+    assert values[50] == pytest.approx(0.45, abs=1e-12)
+    assert values[-1] == pytest.approx(0.7 - 0.5 / 100, abs=1e-12)
+
+
+@pytest.mark.parametrize('rate', [3.0, 7.0, 20.0, 30.0])
+def test_staircase_gives_every_level_as_often(rate):
+    levels = (0.1, 0.5, 0.3)
+    values = intensities(Staircase(rate_hz=rate, duration_s=9.0, levels=levels))
+    assert np.array_equal(values, np.repeat(levels, round(3 * rate)))
+
+
+def test_sinusoid_of_nine_seconds_starts_low_and_peaks_in_the_middle():
+    values = intensities(Sinusoid(rate_hz=20.0, duration_s=9.0))
+    assert values[0] == 0.0
+    assert values[90] == 1.0
+    assert np.argmax(values) == 90
+    assert np.mean(values**2) == pytest.approx(3 / 8, abs=1e-12)
+
+
+def test_own_seed_wins_over_the_schedule():
+    fixed = UniformRandom(rate_hz=20.0, duration_s=1.0, seed=5)
+    free = UniformRandom(rate_hz=20.0, duration_s=1.0)
+
+    def drawn(segment, seed):
+        return Schedule((segment,), seed=seed).plan.intensity
+
+    assert np.array_equal(drawn(fixed, 1), drawn(fixed, 2))
+    assert not np.array_equal(drawn(free, 1), drawn(free, 2))
+    assert np.array_equal(drawn(free, 1), drawn(free, 1))
+
+
+@pytest.mark.parametrize('symbols', [2, 3, 5, 7])
+@pytest.mark.parametrize('order', [1, 2, 3, 4])
+def test_maximal_sequence_visits_every_level_alike(symbols, order):
+    sequence = maximal_sequence(symbols, order)
+    counts = Counter(sequence)
+    each = symbols ** (order - 1)
+    assert len(sequence) == symbols**order - 1
+    assert counts[0] == each - 1
+    assert all(counts[symbol] == each for symbol in range(1, symbols))
+
+
+def test_volleys():
+    assert Single(intensity=0.3).onsets_ns().tolist() == [0]
+    assert Doublet(interval_s=0.005).onsets_ns().tolist() == [0, 5_000_000]
+    assert PulseBurst(count=4, interval_s=0.02).onsets_ns().tolist() == [
+        0, 20_000_000, 40_000_000, 60_000_000,
+    ]  # fmt: skip
+    assert intensities(PulseBurst(count=4, intensity=0.3)).tolist() == [0.3] * 4
+
+
+@pytest.mark.parametrize(
+    ('build', 'fault'),
+    [
+        (
+            lambda: Constant(rate_hz=0.0, duration_s=1.0),
+            r'rate_hz: expected .*\[0\.001, 1000\].* 0',
+        ),
+        (lambda: Constant(rate_hz=20.0, duration_s=-1.0), r'duration_s: expected .* got -1'),
+        (lambda: Constant(20.0, 1.0, intensity=1.01), r'intensity: expected .* got 1.01'),
+        (lambda: Staircase(20.0, 1.0, levels=()), r'levels: expected a list, each .* got \(\)'),
+        (lambda: Sinusoid(20.0, 1.0, low=0.5, high=0.2), r'expected low <= high, got 0.5 and'),
+        (
+            lambda: MultilevelPRBS(20.0, 1.0, low=0.5, high=0.2),
+            r'expected low <= high, got 0.5 and',
+        ),
+        (lambda: MultilevelPRBS(20.0, 1.0, level_count=6), r'level_count of 2, 3, 5 or 7, got 6'),
+        (lambda: Doublet(count=3), r'count: expected a whole number in \[2, 2\], got 3'),
+        (lambda: PulseBurst(count=1.5), r'count: expected a whole number .* got 1.5'),
+        (lambda: PulseBurst(count=5, interval_s=0.25), r'expected a duration above 1 s, .* got 1'),
+        (lambda: Pause(True), r'duration_s: expected a number .* got True'),
+    ],
+)
+def test_impossible_segments_are_refused(build, fault):
+    with pytest.raises(StimulationError, match=fault):
+        build()
+
+
+def test_twitches_come_at_every_intensity_equally_often_and_shuffled():
+    schedule = twitches(repetitions=4)
+    intensity = schedule.pulses().intensity
+    values, counts = np.unique(intensity, return_counts=True)
+    assert values.tolist() == sorted(TWITCH_INTENSITIES)
+    assert set(counts) == {4}
+    assert (np.diff(intensity) < 0).any()
+    assert kinds(schedule) == [Kind.SINGLE] * 24
+
+
+def test_trains_have_their_rates():
+    groups = groups_of(trains().pulses())
+    rates = [round(group.levels[0].rate_hz) for group in groups if group.count > 4]
+    assert rates == [round(rate) for rate in TRAIN_RATES_HZ]
+    assert [group.kind for group in groups[:3]] == [Kind.SINGLE] * 3
+
+
+def test_the_staircase_has_the_number_of_data_sets_of_the_paper():
+    groups = groups_of(recruitment().pulses())
+    assert [group.kind for group in groups] == [Kind.STAIRCASE] * len(FIELD_RATES_HZ)
+    levels = [level for group in groups for level in group.levels]
+    # 882 data sets of 7 subjects
+    assert len(levels) == 126
+    assert [level.intensity for level in levels[:21]] == list(FIELD_LEVELS)
+
+
+def test_nothing_to_give_is_refused():
+    with pytest.raises(StimulationError, match='intensities and repetitions, got 0 and 10'):
+        twitches(intensities=())
+
+
+def test_twitches_that_would_overlap_are_refused():
+    with pytest.raises(StimulationError, match=r'an interval of at least 0\.5 s, got 0\.3'):
+        twitches(interval_s=0.3)
+
+
+def test_the_texts_that_broke_something_once(hostile_texts):
+    for text in hostile_texts.KNOWN:
+        check(text)
+    assert any(len(text) > 1_000_000 for text in hostile_texts.KNOWN)
+
+
+@given(st.randoms(use_true_random=False))
+@settings(max_examples=COUNT, deadline=None)
+def test_texts_from_a_grammar_and_from_bytes(hostile_texts, random):
+    check(hostile_texts.hostile_text(random))
+
+
+@given(st.text(st.characters(), max_size=60))
+@settings(max_examples=COUNT, deadline=None)
+def test_any_name(name):
+    content = {'name': name, 'segments': [{'kind': 'single'}]}
+    if not name.isprintable() or not name.strip():
+        # white space is taken for one blank each
+        content['name'] = ' '.join(name.split())
+        if not content['name'].isprintable() or not content['name']:
+            with pytest.raises(
+                StimulationError, match='name: expected a text of 1 to 64'
+            ) as caught:
+                schedule_from_mapping(content)
+            assert str(caught.value).isprintable()
+            return
+    schedule = schedule_from_mapping(content)
+    assert schedule_from_text(schedule_to_text(schedule)) == schedule
+
+
+@pytest.mark.parametrize('key', ['\ud800', 'a\nb', '', 'x' * 10_000])
+def test_any_key_of_a_mapping(key):
+    with pytest.raises(StimulationError, match='expected one of') as caught:
+        schedule_from_mapping({'segments': [{'kind': 'single'}], key: 10**5000})
+    assert str(caught.value).isprintable()
+
+
+def test_hostile_files_of_devices_and_patients(hostile_texts, tmp_path):
+    path = tmp_path / 'hostile.yaml'
+    for text in hostile_texts.hostile_texts(150, seed=3):
+        path.write_bytes(text.encode('utf-8', 'surrogatepass'))
+        for load in (load_patient, lambda path: load_device_specification(str(path))):
+            with pytest.raises(StimulationError, match=r'hostile\.yaml: '):
+                load(path)

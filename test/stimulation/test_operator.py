@@ -1,43 +1,153 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Stop buttons: unknown, silent or pressed stands against pulses; the newest of each counts."""
+"""One operator, by a token, in two steps; stop buttons, of which one is enough to stop."""
 
 import pytest
 from hypothesis import given, strategies as st
 
+from rpms_ros.stimulation.driver.authority import Authority, Beat
+from rpms_ros.stimulation.driver.safety_monitor import Refused
 from rpms_ros.stimulation.driver.stop_buttons import UNCOUNTED, ButtonState, StopButtons
 
+SECOND = 1_000_000_000
 A, B = b'a', b'b'
 LATER_NS = 300_000_001
+DAY = 86_400 * SECOND
+said = st.tuples(st.sampled_from([A, B, b'c']), st.integers(0, 20), st.booleans(), st.booleans())
 
 
-def test_without_a_button_no_pulse_is_possible() -> None:
-    assert StopButtons(0.3).problem(0) == (
-        'expected a stop button that says its state at a rate, got none'
+class Operator:
+    """Beats for an authority, with a clock of its own that is off by a day."""
+
+    def __init__(self, authority: Authority, name: str = 'ada', source: bytes = b'a') -> None:
+        self.authority, self.name, self.source = authority, name, source
+        self.token, self.offset_ns = '', DAY
+
+    def request(self, now_ns: int = 0) -> 'Operator':
+        self.token = self.authority.request(self.name, now_ns)
+        return self
+
+    def beat(self, now_ns: int, enable: bool = True, sent_ns: int | None = None) -> str | None:
+        stamp_ns = (now_ns if sent_ns is None else sent_ns) + self.offset_ns
+        beat = Beat(self.token, stamp_ns, enable, self.source)
+        return self.authority.beat(beat, now_ns)
+
+    def confirm(self, now_ns: int) -> None:
+        self.authority.confirm(self.name, self.token, now_ns)
+
+
+@pytest.fixture
+def authority() -> Authority:
+    return Authority(0.5, valid_s=10.0)
+
+
+def test_two_steps_arm(authority: Authority) -> None:
+    ada = Operator(authority).request()
+    assert authority.operator == 'ada'
+    with pytest.raises(Refused, match='expected a heartbeat of ada, got none yet'):
+        ada.confirm(0)
+    assert ada.beat(1, enable=False) is None
+    with pytest.raises(Refused, match='expected ada to hold the enable, got it released'):
+        ada.confirm(1)
+    with pytest.raises(Refused, match='expected ada to have armed, got no confirmation'):
+        authority.require('ada', ada.token)
+    assert ada.beat(2) is None
+    ada.confirm(2)
+    assert authority.confirmed
+    assert authority.enabled
+    authority.require('ada', ada.token)
+
+
+def test_nobody_else_arms_or_starts(authority: Authority) -> None:
+    ada = Operator(authority).request()
+    eve = Operator(authority, 'eve', b'e')
+    with pytest.raises(Refused, match='expected no other operator, got ada'):
+        eve.request(SECOND)
+    ada.beat(1)
+    ada.confirm(1)
+    with pytest.raises(Refused, match='expected no other operator, got ada'):
+        ada.request(20 * SECOND)
+    for name, token in (('eve', ada.token), ('ada', ''), ('ada', '\ud800'), ('ada', 'x')):
+        with pytest.raises(Refused, match='expected operator and token: that of ada, got another'):
+            authority.require(name, token)
+    authority.release()
+    with pytest.raises(Refused, match='token: one that was asked for, got another one'):
+        authority.require('ada', ada.token)
+    with pytest.raises(Refused, match='expected operator and token'):
+        authority.require('', '')
+    assert eve.request(21 * SECOND).token
+
+
+def test_a_request_that_nobody_confirms_runs_out(authority: Authority) -> None:
+    ada = Operator(authority).request()
+    late = 10 * SECOND + 1
+    ada.beat(late)
+    with pytest.raises(Refused, match='expected the confirmation within 10 s of the request'):
+        ada.confirm(late)
+    assert Operator(authority, 'eve').request(late).token
+    with pytest.raises(Refused, match='expected operator and token: that of eve'):
+        ada.confirm(late)
+
+
+@pytest.mark.parametrize('name', ['', '  ', 'x' * 65, 'a\nb', '\x00', 'ada\0', 'ada\n', '\x1fada'])
+def test_a_name_is_a_name(authority: Authority, name: str) -> None:
+    with pytest.raises(Refused, match='expected a name of 1 to 64 printable characters, got'):
+        authority.request(name, 0)
+
+
+def test_heartbeat_and_enable_keep_it_armed(authority: Authority) -> None:
+    ada = Operator(authority).request()
+    ada.beat(0)
+    ada.confirm(0)
+    assert authority.problem(SECOND // 2) is None
+    assert authority.problem(SECOND // 2 + 1) == (
+        'expected a heartbeat of ada within 0.5 s, got none for 0.5 s'
     )
-    assert StopButtons(0.3, required=False).problem(0) is None
+    assert ada.beat(SECOND, enable=False) is None
+    assert authority.problem(SECOND) == 'expected ada to hold the enable, got it released'
+    # held again before anybody looked: it was released all the same
+    assert ada.beat(SECOND + 1) is None
+    assert authority.problem(SECOND + 1) == 'expected ada to hold the enable, got it released'
+    authority.release()
+    ada.request()
+    ada.beat(SECOND + 2)
+    ada.confirm(SECOND + 2)
+    assert authority.problem(SECOND + 2) is None
 
 
-def test_a_button_that_is_there_and_says_nothing_counts() -> None:
-    buttons = StopButtons(0.3, required=False)
-    buttons.present({A: '/desk'})
-    assert buttons.problem(0) == 'expected every stop button to speak, got 1 still unknown'
-    assert buttons.states(0) == [('/desk', ButtonState.UNKNOWN)]
-    # known from its first word on, whenever the graph is looked at again
-    buttons.heard(A, 1, False, 0)
-    assert buttons.problem(0) is None
-    buttons.present({A: '/desk'})
-    assert buttons.problem(0) is None
-
-
-def test_silence_counts_as_pressed() -> None:
-    buttons = StopButtons(0.3)
-    buttons.heard(A, 1, False, 0)
-    assert buttons.problem(LATER_NS - 1) is None
-    assert buttons.problem(LATER_NS) == (
-        'expected stop button 61 to say its state every 0.3 s, got silence for 0.3 s'
+def test_a_stranger_does_not_keep_it_armed(authority: Authority) -> None:
+    ada = Operator(authority).request()
+    ada.beat(0)
+    ada.confirm(0)
+    eve = Operator(authority, 'ada', b'e')
+    eve.token = 'x'
+    assert eve.beat(SECOND) == (
+        'expected a heartbeat with the token of the operator, got another one'
     )
-    assert buttons.states(LATER_NS) == [('61', ButtonState.SILENT)]
+    assert authority.problem(SECOND) is not None
+
+
+def test_a_heartbeat_that_repeats_or_lags_does_not_count(authority: Authority) -> None:
+    ada = Operator(authority).request()
+    ada.beat(0)
+    assert ada.beat(SECOND, sent_ns=0) == (
+        'expected a heartbeat after the last one, got one that repeats or goes back'
+    )
+    assert ada.beat(2 * SECOND, sent_ns=SECOND) == (
+        'expected a heartbeat of at most 0.5 s ago, got one of 1 s'
+    )
+    assert ada.beat(2 * SECOND) is None
+
+
+def test_a_clock_that_was_set_back_locks_nobody_out(authority: Authority) -> None:
+    ada = Operator(authority).request()
+    ada.beat(0)
+    ada.offset_ns = 0
+    assert ada.beat(SECOND) is not None
+    # a new request starts afresh
+    ada.request(SECOND)
+    assert ada.beat(SECOND + 1) is None
+    ada.confirm(SECOND + 1)
 
 
 def test_a_press_counts_that_is_released_before_anybody_looks() -> None:
@@ -187,9 +297,6 @@ def test_a_button_that_must_be_present_is_known_by_its_node(
     buttons.heard(A, 1, False, 0)
     buttons.present({A: node})
     assert (buttons.problem(0) is None) == found
-
-
-said = st.tuples(st.sampled_from([A, B, b'c']), st.integers(0, 20), st.booleans(), st.booleans())
 
 
 @given(st.lists(said, max_size=40))
