@@ -53,6 +53,11 @@ def identified(trial, name='batch', preset='people') -> IdentifiedSession:
     )
 
 
+@pytest.fixture(scope='module')
+def fitted(trial) -> IdentifiedSession:
+    return identify(estimator_by_name('batch'), *trial)
+
+
 def judged(trial, name='batch', settings=None) -> Verdict:
     return verdict_of(identified(trial, name), *trial, settings)
 
@@ -141,9 +146,9 @@ def test_one_muscle_for_a_muscle_that_changed_is_doubted(trial, change, reason):
     assert re.search(reason, verdict.line), verdict.line
 
 
-def test_what_an_estimator_that_follows_has_named_is_no_doubt(trial):
+def test_what_an_estimator_that_follows_has_named_is_no_doubt(trial, fitted):
     pulses, forces = trial
-    session = identify(estimator_by_name('batch'), pulses, forces)
+    session = fitted
     doubtful = replace(session.last, doubts=('force_unexplained',))
     follows = replace(
         doubtful,
@@ -231,9 +236,9 @@ def test_the_estimates_that_are_needed_are_among_those_of_any_finer_grid():
         assert duration <= 8 * period_of_estimates(duration) or duration == 0.0
 
 
-def test_the_simulated_force_is_that_of_the_estimated_muscle(trial):
+def test_the_simulated_force_is_that_of_the_estimated_muscle(trial, fitted):
     pulses, forces = trial
-    last = identify(estimator_by_name('batch'), pulses, forces).last
+    last = fitted.last
     stated = simulated_force(last, pulses, forces.stamp_ns)
     # responses end after 0.4 s and are linear between steps of 5 ms: below 1 % of the range
     assert np.abs(stated - forces.force)[2000:].max() < 4 * NOISE + 0.01 * np.ptp(forces.force)

@@ -48,33 +48,24 @@ def assert_fills(values, low, high) -> None:
 
 
 @pytest.mark.parametrize(
-    ('modality', 'low', 'high', 'mean'),
-    [(Modality.ELECTRICAL, 20.83, 28.24, 24.4), (Modality.MAGNETIC, 6.28, 14.63, 9.45)],
+    ('name', 'modality', 'low', 'high', 'mean'),
+    [
+        ('latency', Modality.ELECTRICAL, 20.83, 28.24, 24.4),
+        ('latency', Modality.MAGNETIC, 6.28, 14.63, 9.45),
+        ('time_constant', Modality.ELECTRICAL, 22.58, 53.22, 36.62),
+        ('time_constant', Modality.MAGNETIC, 26.71, 49.81, 38.44),
+    ],
 )
-def test_table_1_latency(modality, low, high, mean):
+def test_tables_1_and_2_latency_and_time_constant(name, modality, low, high, mean):
     # Milliseconds to seconds rounds.
-    assert average_subject(modality).latency == pytest.approx(1e-3 * mean, rel=1e-15)
+    assert getattr(average_subject(modality), name) == pytest.approx(1e-3 * mean, rel=1e-15)
     drawn = [random_subject(np.random.default_rng(seed), modality) for seed in range(MANY)]
-    assert_fills([1e3 * subject.latency for subject in drawn], low, high)
+    assert_fills([1e3 * getattr(subject, name) for subject in drawn], low, high)
 
 
-@pytest.mark.parametrize(
-    ('modality', 'low', 'high', 'mean'),
-    [(Modality.ELECTRICAL, 22.58, 53.22, 36.62), (Modality.MAGNETIC, 26.71, 49.81, 38.44)],
-)
-def test_table_2_time_constant(modality, low, high, mean):
-    # As above.
-    assert average_subject(modality).time_constant == pytest.approx(1e-3 * mean, rel=1e-15)
-    drawn = [random_subject(np.random.default_rng(seed), modality) for seed in range(MANY)]
-    assert_fills([1e3 * subject.time_constant for subject in drawn], low, high)
-
-
-def test_table_3_recruitment_by_intensity():
+def test_table_3_recruitment_by_intensity_and_rate():
     expected = IntensityRecruitment(0.48, 0.98, 5.0, 4.0, gain=0.738, offset=0.539)
     assert average_subject().recruitment == expected
-
-
-def test_table_3_recruitment_by_rate():
     assert average_subject().rate_recruitment == RateRecruitment(25.0, 0.05, 0.0597, -0.321)
 
 

@@ -156,20 +156,12 @@ def test_silence_and_pulses_of_nothing_forget_nothing(session):
     assert after.changes == 0
 
 
-def test_one_intensity_gives_no_curve(session):
+def test_one_intensity_gives_no_curve_and_no_data_no_intervals(session):
     found = session(seed=8, seconds=5.0)
     same = found._replace(intensity=np.full(len(found.intensity), 0.8))
-    estimator = FixedSizeRecursion()
-    same.feed(estimator, 0.0, 5.0)
-    assert not estimator.estimate(0, {}).curve_known
-
-
-def test_without_data_nothing_is_informed():
-    estimator = FixedSizeRecursion()
-    estimate = estimator.estimate(0, {})
-    assert not estimate.curve_known
-    assert estimate.samples == 0
-    assert estimate.confidence == 0.0
+    assert not same.fit(FixedSizeRecursion()).curve_known
+    estimate = FixedSizeRecursion().estimate(0, {})
+    assert (estimate.curve_known, estimate.samples, estimate.confidence) == (False, 0, 0.0)
 
 
 def test_intensities_below_the_threshold_do_not_inform(session):
