@@ -189,7 +189,7 @@ def pulses_of(intensity, late_ns=0) -> PulseTrain:
 
 
 def reasons_of(pulses, forces=FORCES) -> list[tuple[str, str]]:
-    return list(reasons_of_data(pulses, forces, 200.0, 0.05))
+    return list(reasons_of_data(pulses, forces, 200.0))
 
 
 @pytest.mark.parametrize(
@@ -246,7 +246,7 @@ def test_a_force_that_no_sensor_resolves_may_be_in_kilonewtons():
         'the force spans 0.002 N, less than the 0.05 N that a sensor for people resolves: '
         'is the force in kN?'
     )
-    assert not list(reasons_of_data(pulses_of(RANDOM), small, 200.0, 0.05, 'N m'))
+    assert not list(reasons_of_data(pulses_of(RANDOM), small, 200.0, 'N m'))
 
 
 @pytest.mark.parametrize(

@@ -55,35 +55,13 @@ Reason = tuple[str, str]
 
 @dataclass(frozen=True)
 class VerdictSettings:
-    """Thresholds of the verdict.
+    """What depends on who is measured.
 
     Attributes
     ----------
     expected_force : float
         Largest force of the muscle at a sensor [N].  200 N are far above that of a hand, a
         forearm or a foot; a strong leg at a dynamometer needs more.
-    least_force : float
-        Least range of the force [N].  Sensors for people resolve 0.01 to 0.1 N, and muscles of
-        rats pull with some newtons; in kN a force of 10 N is 0.01.
-    least_explained, good_explained : float
-        Share of the force's variance, noise apart, that the estimate has to explain, or it is
-        not used, or doubted.  Equal pulses explain about 0.98 of trains of real muscle, whose
-        pulses are not equal (docs/analysis.md); muscle that
-        tires explains no less than 0.95 over twenty seconds.
-    largest_error : float
-        Error of the simulated force, noise excluded, as a share of the range of the force.
-    deepest_swing, worst_swing : float
-        How far the response to a pulse may go below zero, as a share of its peak, before the
-        result is doubtful, or not used: a muscle does not push.
-    largest_residual : float
-        Residual that is no white noise, as a share of the range of the force.
-    held_out_times, largest_held_out : float
-        The error on the end of the session with an earlier estimate may be so many times that
-        with the final one, or this share of the range of the force.
-    largest_drift : float
-        Change of the baseline over the time that is judged, as a share of the range of the force.
-    widest_interval : float
-        Half the interval of the curve at the highest intensity that was used, as a share of it.
 
     Raises
     ------
@@ -92,17 +70,6 @@ class VerdictSettings:
     """
 
     expected_force: float = 200.0
-    least_force: float = 0.05
-    least_explained: float = 0.7
-    good_explained: float = 0.9
-    largest_error: float = 0.08
-    deepest_swing: float = 0.15
-    worst_swing: float = 0.5
-    largest_residual: float = 0.03
-    held_out_times: float = 3.0
-    largest_held_out: float = 0.05
-    largest_drift: float = 0.1
-    widest_interval: float = 0.2
 
     def __post_init__(self) -> None:
         if not self.expected_force > 0.0:
@@ -111,6 +78,24 @@ class VerdictSettings:
             )
 
 
+# Least range of the force [N].  Sensors for people resolve 0.01 to 0.1 N, and muscles of rats pull
+# with some newtons; in kN a force of 10 N is 0.01.
+_LEAST_FORCE = 0.05
+# Share of the force's variance, noise apart, that the estimate has to explain, or it is not used,
+# or doubted.  Equal pulses explain about 0.98 of trains of real muscle, whose pulses are not equal
+# (docs/analysis.md); muscle that tires explains no less than 0.95 over twenty seconds.
+_LEAST_EXPLAINED, _GOOD_EXPLAINED = 0.7, 0.9
+# Error of the simulated force, noise excluded, residual that is no white noise, and change of the
+# baseline over the time that is judged, as shares of the range of the force.
+_LARGEST_ERROR, _LARGEST_RESIDUAL, _LARGEST_DRIFT = 0.08, 0.03, 0.1
+# How far the response to a pulse may go below zero, as a share of its peak, before the result is
+# doubtful, or not used: a muscle does not push.
+_DEEPEST_SWING, _WORST_SWING = 0.15, 0.5
+# The error on the end of the session with an earlier estimate may be so many times that with the
+# final one, or this share of the range of the force.
+_HELD_OUT_TIMES, _LARGEST_HELD_OUT = 3.0, 0.05
+# Half the interval of the curve at the highest intensity that was used, as a share of it.
+_WIDEST_INTERVAL = 0.2
 # Length of the end that is judged: two periods of the slow sinusoids in use; a muscle that tires
 # changes by a quarter meanwhile, which leaves 0.03 of the variance unexplained.  Half of it for an
 # estimator that follows such changes, because its estimate is that of the end.
@@ -183,11 +168,8 @@ def verdict_of(
     dynamics : TrainDynamics, optional
         Dynamics found from trains of one intensity; judged if the estimate has no curve.
     """
-    settings = settings or VerdictSettings()
-    unit = session.last.unit
-    reasons = list(
-        reasons_of_data(pulses, forces, settings.expected_force, settings.least_force, unit)
-    )
+    unit, expected = session.last.unit, (settings or VerdictSettings()).expected_force
+    reasons = list(reasons_of_data(pulses, forces, expected, unit))
     if not any(grade == NO for grade, _ in reasons):
         reasons += [
             (NO if name == CLOCKS_DIFFER else DOUBTFUL, stated_doubt(session.last, name))
@@ -197,17 +179,17 @@ def verdict_of(
     if any(grade == NO for grade, _ in reasons):
         return of_reasons(reasons, '')
     if dynamics is not None and not session.last.curve_known:
-        return _of_dynamics(reasons, dynamics, settings, unit)
+        return _of_dynamics(reasons, dynamics, unit)
     part = _looked_at(session, pulses)
     if np.count_nonzero(part) < 3:
         return of_reasons([*reasons, (NO, _nothing_to_judge_by(session, pulses))], '')
     found = simulated_fit(session.last, pulses, session.stamp_ns[part], session.force[part])
     span = float(np.ptp(session.force[session.usable]))
-    reasons += _of_the_estimate(session.last, found, span, settings)
+    reasons += _of_the_estimate(session.last, found, span)
     hint = '' if session.last.rate_names else _HINT
-    reasons += _of_the_fit(session, pulses, part, found, settings, hint)
-    explained = found.explained >= settings.good_explained
-    reasons += _of_the_estimator(session, pulses, settings, explained)
+    reasons += _of_the_fit(session, pulses, part, found, hint)
+    explained = found.explained >= _GOOD_EXPLAINED
+    reasons += _of_the_estimator(session, pulses, explained)
     # without a curve the force is explained at one intensity only
     scope = '' if session.last.curve_known else f'{_DYNAMICS_ONLY}; '
     praise = (
@@ -224,9 +206,7 @@ def _nothing_to_judge_by(session: IdentifiedSession, pulses: PulseTrain) -> str:
     return nothing
 
 
-def _of_dynamics(
-    reasons: list[Reason], dynamics: TrainDynamics, settings: VerdictSettings, unit: str
-) -> Verdict:
+def _of_dynamics(reasons: list[Reason], dynamics: TrainDynamics, unit: str) -> Verdict:
     """Return the verdict on trains of one intensity, which give dynamics but no curve."""
     if dynamics.gain < 0.0:
         text = (
@@ -239,8 +219,8 @@ def _of_dynamics(
         f'{_DYNAMICS_ONLY}; the model of the trains ({dynamics.model}) explains '
         f'{percent_explained(explained)} % of the variance of the {QUANTITIES[unit]}'
     )
-    if explained < settings.good_explained:
-        grade = NO if explained < settings.least_explained else DOUBTFUL
+    if explained < _GOOD_EXPLAINED:
+        grade = NO if explained < _LEAST_EXPLAINED else DOUBTFUL
         reasons.append((grade, text))
     if dynamics.onset_s is None:
         reasons.append((DOUBTFUL, 'noise hides when the force begins'))
@@ -262,12 +242,7 @@ def _looked_at(session: IdentifiedSession, pulses: PulseTrain) -> BoolArray:
 
 
 def _of_the_fit(
-    session: IdentifiedSession,
-    pulses: PulseTrain,
-    part: BoolArray,
-    found: SimulatedFit,
-    settings: VerdictSettings,
-    hint: str,
+    session: IdentifiedSession, pulses: PulseTrain, part: BoolArray, found: SimulatedFit, hint: str
 ) -> Iterator[Reason]:
     """Yield reasons from residual, held-out error and baseline."""
     force, stamps = session.force, session.stamp_ns
@@ -279,7 +254,7 @@ def _of_the_fit(
     residual = (force - session.prediction)[late]
     error = float(np.sqrt(np.mean(np.square(residual)))) if len(residual) else 0.0
     slow = max(error**2 - white_noise(force[late]) ** 2, 0.0) ** 0.5 if error else 0.0
-    if slow > settings.largest_residual * span:
+    if slow > _LARGEST_RESIDUAL * span:
         text = (
             f'the residual is not white: {slow:.2g} {session.last.unit} of it, '
             f'{100 * slow / span:.2g} % of the '
@@ -288,7 +263,7 @@ def _of_the_fit(
         yield DOUBTFUL, text
     seconds = float(np.ptp(stamps[part])) / NANOSECONDS_PER_SECOND
     drift = abs(found.slope) * seconds
-    if drift > settings.largest_drift * span:
+    if drift > _LARGEST_DRIFT * span:
         yield (
             DOUBTFUL,
             f'the baseline drifts by {60 * found.slope:.2g} {session.last.unit} a minute',
@@ -296,7 +271,7 @@ def _of_the_fit(
     held_out = _held_out_errors(session, pulses)
     if held_out is not None:
         error_before, error_after = held_out
-        most = max(settings.held_out_times * error_after, settings.largest_held_out * span)
+        most = max(_HELD_OUT_TIMES * error_after, _LARGEST_HELD_OUT * span)
         if error_before > most:
             text = (
                 'the end of the session, held out, is missed by '
@@ -337,11 +312,7 @@ _MOST_PULSES_HZ = 200.0
 
 
 def reasons_of_data(
-    pulses: PulseTrain,
-    forces: ForceTrace,
-    expected_force: float,
-    least_force: float,
-    unit: str = 'N',
+    pulses: PulseTrain, forces: ForceTrace, expected_force: float, unit: str = 'N'
 ) -> Iterator[tuple[str, str]]:
     """Yield grade and sentence for everything that cannot be right.
 
@@ -351,9 +322,6 @@ def reasons_of_data(
         The recording.
     expected_force : float
         Largest force that the muscle can have [N].
-    least_force : float
-        Least range of the force that a force sensor for people resolves [N]; no torque is
-        compared with it.
     unit : str
         Unit of the force: ``N``, or ``N m`` for a torque.
     """
@@ -386,9 +354,9 @@ def reasons_of_data(
             'or has this muscle a higher --expected-force?'
         )
         yield DOUBTFUL, text
-    if unit == 'N' and span < least_force:
+    if unit == 'N' and span < _LEAST_FORCE:
         text = (
-            f'the force spans {span:.2g} N, less than the {least_force:g} N that a sensor '
+            f'the force spans {span:.2g} N, less than the {_LEAST_FORCE:g} N that a sensor '
             'for people resolves: is the force in kN?'
         )
         yield DOUBTFUL, text
@@ -425,9 +393,7 @@ def _rate(stamp_ns: IntArray) -> float:
     return NANOSECONDS_PER_SECOND / float(np.median(steps)) if len(steps) else 0.0
 
 
-def _of_the_estimate(
-    last: Estimate, found: SimulatedFit, span: float, settings: VerdictSettings
-) -> Iterator[Reason]:
+def _of_the_estimate(last: Estimate, found: SimulatedFit, span: float) -> Iterator[Reason]:
     """Yield what is wrong with an estimate, compared with a force of a range `span`."""
     if found.signal < 1.5 * found.noise:
         yield NO, 'the force holds noise only: the pulses leave no trace in it (topic, axis?)'
@@ -441,14 +407,14 @@ def _of_the_estimate(
     if full < 0.0 or extreme < 0.0:
         worst = full if full < 0.0 else extreme
         why = 'sign or axis of the sensor is wrong (--sign, --axis)'
-        if found.explained < settings.least_explained:
+        if found.explained < _LEAST_EXPLAINED:
             why = 'the estimator has not converged'
         yield NO, f'the force comes out negative, {worst:.3g} {last.unit}: {why}'
         return
-    yield from _of_the_explanation(found, span, settings, last.unit)
+    yield from _of_the_explanation(found, span, last.unit)
     swing = -float(response.min()) / extreme
-    if swing > settings.deepest_swing:
-        grade = NO if swing > settings.worst_swing else DOUBTFUL
+    if swing > _DEEPEST_SWING:
+        grade = NO if swing > _WORST_SWING else DOUBTFUL
         text = (
             f'the response to a pulse swings to {response.min():.3g} {last.unit}: a muscle '
             'only pulls'
@@ -458,14 +424,12 @@ def _of_the_estimate(
         yield NO, 'the force at full intensity cannot be told from nothing'
 
 
-def _of_the_explanation(
-    found: SimulatedFit, span: float, settings: VerdictSettings, unit: str
-) -> Iterator[Reason]:
+def _of_the_explanation(found: SimulatedFit, span: float, unit: str) -> Iterator[Reason]:
     """Yield a reason if the simulated force differs too much from the measured one."""
     missed = max(found.error**2 - found.noise**2, 0.0) ** 0.5
-    if found.explained_straight < settings.least_explained:
+    if found.explained_straight < _LEAST_EXPLAINED:
         grade = NO
-    elif found.explained < settings.good_explained or missed > settings.largest_error * span:
+    elif found.explained < _GOOD_EXPLAINED or missed > _LARGEST_ERROR * span:
         grade = DOUBTFUL
     else:
         return
@@ -480,7 +444,7 @@ def _of_the_explanation(
 
 
 def _of_the_estimator(
-    session: IdentifiedSession, pulses: PulseTrain, settings: VerdictSettings, explained: bool
+    session: IdentifiedSession, pulses: PulseTrain, explained: bool
 ) -> Iterator[Reason]:
     """Yield reasons from doubts, parameters and intervals of the estimate.
 
@@ -516,7 +480,7 @@ def _of_the_estimator(
             float(np.interp(top, last.curve_intensity, values))
             for values in (last.curve_lower, last.curve_force, last.curve_upper)
         )
-        if 0.5 * (upper - lower) > settings.widest_interval * abs(force):
+        if 0.5 * (upper - lower) > _WIDEST_INTERVAL * abs(force):
             text = (
                 f'the force at intensity {top:.2g} is known only as {lower:.3g} to '
                 f'{upper:.3g} {last.unit}'
