@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-TEST = 'test/nodes/test_driver_hostile_goals.py'
+TEST = 'test/nodes/test_driver_goals.py'
 
 
 def main() -> int:

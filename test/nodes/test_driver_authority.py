@@ -18,9 +18,9 @@ from rpms_msgs.msg import DriverStatus
 from rpms_ros.nodes.common.operator import OperatorClient
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.stimulation import constant
+from rpms_ros.stimulation.records.append_only import verify_log
 
 CODES = RunSchedule.Result
-LONG = constant(0.5, 60.0, 50.0)
 # a client in a process of its own: arms, starts a train, and waits to be killed
 CLIENT = """
 import rclpy
@@ -67,6 +67,17 @@ def clinic(driver_bench):
 def outcome(lab, client, schedule):
     """How a goal of somebody ends."""
     return lab.result(lab.ask(client.start(schedule))).result
+
+
+def unlinked(path, monkeypatch):
+    del monkeypatch
+    path.unlink()
+
+
+def full(path, monkeypatch):
+    del path
+    left = os.statvfs_result((4096, 4096, 1000, 0, 0, 0, 0, 0, 0, 255))
+    monkeypatch.setattr(os, 'fstatvfs', lambda _file: left)
 
 
 def test_two_steps_arm_and_a_goal_of_the_operator_runs(clinic):
@@ -257,7 +268,6 @@ def test_a_change_of_the_bound_that_is_refused_with_another_one_changes_nothing(
 
 
 def test_who_did_what_is_written_down(clinic, tmp_path):
-    from rpms_ros.stimulation.records.append_only import verify_log
 
     path = tmp_path / 'audit.jsonl'
     lab = clinic(audit_log=str(path))
@@ -278,17 +288,6 @@ def test_who_did_what_is_written_down(clinic, tmp_path):
     assert arm['kind'] == 'arm'
     assert arm['operator'] == 'ada'
     assert 'maximum_intensity' in arm['limits']
-
-
-def unlinked(path, monkeypatch):
-    del monkeypatch
-    path.unlink()
-
-
-def full(path, monkeypatch):
-    del path
-    left = os.statvfs_result((4096, 4096, 1000, 0, 0, 0, 0, 0, 0, 255))
-    monkeypatch.setattr(os, 'fstatvfs', lambda _file: left)
 
 
 @pytest.mark.parametrize(

@@ -16,13 +16,12 @@ from rpms_msgs.msg import DriverStatus
 from rpms_ros.errors import NodeError
 from rpms_ros.nodes.common import qos, topics
 from rpms_ros.nodes.common.operator import ButtonPublisher
-from rpms_ros.nodes.driver.parameters import DriverParameters
-from rpms_ros.nodes.driver.watch import says_released
-from rpms_ros.stimulation import constant
+from rpms_ros.nodes.driver import watch
+from rpms_ros.nodes.driver.parameters import (
+    DriverParameters,
+)
+from rpms_ros.nodes.driver.watch import Taker, publishers_of, says_released
 
-LONG = constant(0.5, 60.0, 50.0)
-# for what comes at once on a machine that has nothing else to do [s]
-PATIENCE = 60.0
 BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
@@ -120,33 +119,6 @@ def test_of_two_buttons_one_pressed_is_enough_and_keeps_the_stop(new_ward, graph
     first.set(False)
     graph.wait_for(lambda: ward.resets().success)
     assert ward.arms()
-
-
-def test_a_button_that_went_away_is_let_go_of_by_a_reset(new_ward, graph):
-    ward = new_ward(stop_button_timeout=3.0)
-    # in no executor: it can be destroyed at any moment
-    leaving = Node('leaving', context=graph.context, use_global_arguments=False)
-    publisher = leaving.create_publisher(Bool, topics.EMERGENCY_STOP, qos.STOP_STATE)
-    gone = threading.Event()
-
-    def say():
-        while not gone.wait(0.02):
-            publisher.publish(Bool(data=False))
-
-    thread = threading.Thread(target=say)
-    thread.start()
-    try:
-        ButtonPublisher(ward.other)
-        # one that was never heard cannot be missed
-        ward.knows('/leaving', '/other')
-        ward.run()
-    finally:
-        gone.set()
-        thread.join()
-        leaving.destroy_node()
-    ward.stopped()
-    graph.wait_for(lambda: ward.resets().success)
-    ward.run()
 
 
 def test_a_button_that_must_be_present_keeps_the_stop_when_it_went_away(new_ward, graph):
@@ -302,3 +274,37 @@ def test_the_stop_service_is_heard_while_the_executor_is_blocked(new_ward, graph
 )
 def test_anything_but_one_zero_byte_is_pressed(data, released):
     assert says_released(data) == released
+
+
+def test_a_message_comes_with_the_publisher_that_the_graph_shows(graph, wait_for):
+    silent = Node('silent', context=graph.context, use_global_arguments=False)
+    taker = Taker(silent.create_subscription(Bool, 'said', lambda _: None, qos.STOP_LIVE))
+    speakers = [graph.add(lambda name=name, **o: Node(name, **o)) for name in ('one', 'two')]
+    talk = [node.create_publisher(Bool, 'said', qos.STOP) for node in speakers]
+    graph.wait_for(lambda: all(each.get_subscription_count() == 1 for each in talk))
+    graph.wait_for(lambda: len(publishers_of(silent, '/said')) == 2)
+    assert taker.take() is None
+    names = publishers_of(silent, '/said')
+    for number in (1, 2):
+        for publisher, name, state in zip(talk, ('/one', '/two'), (True, False), strict=True):
+            publisher.publish(Bool(data=state))
+            found = []
+            wait_for(lambda found=found: found.append(taker.take()) or found[-1] is not None)
+            taken = found[-1]
+            assert names[taken.identity] == name
+            assert taken.sequence == number
+            assert taken.data == bytes([0, 1, 0, 0, state])
+    taker.close()
+    silent.destroy_node()
+
+
+def test_another_rcl_is_refused(graph, monkeypatch):
+    node = graph.add(lambda **options: Node('silent', **options))
+    subscription = node.create_subscription(Bool, 'said', lambda _: None, qos.STOP_LIVE)
+
+    def missing(name):
+        raise OSError(f'{name} is not there')
+
+    monkeypatch.setattr(watch.ctypes, 'CDLL', missing)
+    with pytest.raises(NodeError, match=r'expected rcl of ROS 2 Jazzy, got librcl\.so is not'):
+        Taker(subscription)

@@ -3,14 +3,8 @@
 """Launch files: what they describe is started with real nodes; `ros2 launch` where it is there."""
 
 import os
-import shutil
-import signal
-import subprocess
 import sys
-from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import ModuleType
-from typing import Any
 
 import pytest
 import yaml
@@ -23,10 +17,9 @@ from rpms_ros.nodes.live_page import LivePage
 from rpms_ros.nodes.plant_simulator import PlantSimulator
 from rpms_ros.nodes.recorder import Recorder
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
-from rpms_ros.stimulation import paper_random
 
 ROOT = Path(__file__).resolve().parents[2]
-KINDS: dict[str, Callable[..., Node]] = {
+KINDS = {
     'identifier': Identifier,
     'live_page': LivePage,
     'plant_simulator': PlantSimulator,
@@ -39,7 +32,7 @@ PATIENT = 'lateness_limit: 0.1'
 class Launched:
     """A launch file with its arguments, and the nodes that it would start."""
 
-    def __init__(self, module: ModuleType, folder: Path, **arguments: str) -> None:
+    def __init__(self, module, folder, **arguments):
         described = module.generate_launch_description().entities
         *declared, started = described
         self.declared = {argument.name: argument for argument in declared}
@@ -49,7 +42,7 @@ class Launched:
         self.nodes = {node.options['name']: node.options for node in started.function(context)}
         self._folder = folder
 
-    def arguments_of(self, name: str) -> list[str]:
+    def arguments_of(self, name):
         """Return the command line that launch gives a node."""
         options = self.nodes[name]
         line = ['--ros-args', '-r', f'__node:={name}']
@@ -65,27 +58,27 @@ class Launched:
             line += ['-r', f'{old}:={new}']
         return line
 
-    def add_to(self, graph: Any) -> dict[str, Any]:
+    def add_to(self, graph):
         """Build every node as its process would, on the graph of a test."""
         return {name: graph.add(self._builder(name)) for name in self.nodes}
 
-    def _builder(self, name: str) -> Callable[..., Node]:
+    def _builder(self, name):
         line = self.arguments_of(name)
         return lambda **options: KINDS[name](cli_args=line, **options)
 
 
 @pytest.fixture
 def load(
-    beside: Callable[[str], ModuleType],
-    module_at: Callable[[Path], ModuleType],
-    monkeypatch: pytest.MonkeyPatch,
-    tmp_path: Path,
-) -> Callable[..., Launched]:
+    beside,
+    module_at,
+    monkeypatch,
+    tmp_path,
+):
     """Read a launch file with these arguments."""
     monkeypatch.setenv('AMENT_PREFIX_PATH', os.environ.get('AMENT_PREFIX_PATH', sys.prefix))
     beside('launch_stand_in').install(monkeypatch.setitem)
 
-    def read(name: str, **arguments: str) -> Launched:
+    def read(name, **arguments):
         path = ROOT / 'launch' / f'{name}.launch.py'
         return Launched(module_at(path), tmp_path, **arguments)
 
@@ -93,7 +86,7 @@ def load(
 
 
 @pytest.mark.parametrize('name', ['identifier', 'simulation'])
-def test_every_argument_is_documented_here_and_on_the_page(load, name: str) -> None:
+def test_every_argument_is_documented_here_and_on_the_page(load, name):
     page = (ROOT / 'docs' / 'nodes.md').read_text()
     launched = load(name)
     for argument in launched.declared.values():
@@ -104,14 +97,14 @@ def test_every_argument_is_documented_here_and_on_the_page(load, name: str) -> N
         assert f"'{node} = rpms_ros.nodes.executables:{node}'" in setup
 
 
-def test_without_arguments_the_files_of_config_hold(graph, load) -> None:
+def test_without_arguments_the_files_of_config_hold(graph, load):
     launched = load('identifier')
     assert list(launched.nodes) == ['identifier']
     (identifier,) = launched.add_to(graph).values()
     assert identifier.settings == type(identifier.settings)()
 
 
-def test_the_identifier_takes_everything_by_arguments(graph, load, tmp_path: Path) -> None:
+def test_the_identifier_takes_everything_by_arguments(graph, load, tmp_path):
     own = tmp_path / 'own.yaml'
     own.write_text(
         '/**: {ros__parameters: {repetition_rate: 30.0, estimator: recursive}}\n'
@@ -149,12 +142,12 @@ def test_the_identifier_takes_everything_by_arguments(graph, load, tmp_path: Pat
     recorder.close()
 
 
-def test_the_axis_y_can_be_said(graph, load) -> None:
+def test_the_axis_y_can_be_said(graph, load):
     nodes = load('identifier', axis='y').add_to(graph)
     assert nodes['identifier'].settings.axis == 'y'
 
 
-def test_the_simulation_runs_a_schedule_and_is_recorded(graph, load, tmp_path: Path) -> None:
+def test_the_simulation_runs_a_schedule_and_is_recorded(graph, load, tmp_path):
     schedule = tmp_path / 'short.yaml'
     schedule.write_text('segments: [{kind: uniform_random, rate_hz: 20.0, duration_s: 2.0}]')
     own = tmp_path / 'own.yaml'
@@ -171,8 +164,8 @@ def test_the_simulation_runs_a_schedule_and_is_recorded(graph, load, tmp_path: P
         record='true',
         path=str(tmp_path / 'session'),
     )
-    statuses: list[DriverStatus] = []
-    estimates: list[MuscleEstimate] = []
+    statuses = []
+    estimates = []
     probe = graph.add(lambda **options: Node('probe', namespace='ward/left_leg', **options))
     probe.create_subscription(DriverStatus, 'driver_status', statuses.append, qos.STATUS)
     probe.create_subscription(MuscleEstimate, 'estimate', estimates.append, qos.ESTIMATE)
@@ -187,9 +180,7 @@ def test_the_simulation_runs_a_schedule_and_is_recorded(graph, load, tmp_path: P
     nodes['recorder'].close()
 
 
-def test_the_simulation_is_shown_on_a_page_that_nobody_waits_for(
-    graph, load, tmp_path: Path
-) -> None:
+def test_the_simulation_is_shown_on_a_page_that_nobody_waits_for(graph, load, tmp_path):
     own = tmp_path / 'own.yaml'
     own.write_text('/**/live_page: {ros__parameters: {port: 0}}')
     launched = load('simulation', live='true', quantity='torque', parameters=str(own))
@@ -199,7 +190,7 @@ def test_the_simulation_is_shown_on_a_page_that_nobody_waits_for(
     assert page.session.unit == 'N m'
 
 
-def test_without_a_schedule_the_driver_waits_for_a_goal(load) -> None:
+def test_without_a_schedule_the_driver_waits_for_a_goal(load):
     (driver,) = (n for name, n in load('simulation').nodes.items() if name == 'stimulator_driver')
     assert driver['parameters'][1] == {'minimum_subscribers': 2}
     (driver,) = (
@@ -212,42 +203,3 @@ def test_without_a_schedule_the_driver_waits_for_a_goal(load) -> None:
         'schedule_file': 'slow.yaml',
         'minimum_subscribers': 2,
     }
-
-
-if shutil.which('ros2'):
-    # ROS 2 from Debian packages, or put together from its sources
-
-    @pytest.fixture
-    def ros2(domain: int) -> Iterator[Callable[..., 'subprocess.Popen[str]']]:
-        """Run the real command in the domain of this test."""
-        running: list[subprocess.Popen[str]] = []
-
-        def run(*arguments: str) -> 'subprocess.Popen[str]':
-            environment = {**os.environ, 'ROS_DOMAIN_ID': str(domain)}
-            running.append(
-                subprocess.Popen(
-                    ['ros2', *arguments], env=environment, stdout=subprocess.PIPE, text=True
-                )
-            )
-            return running[-1]
-
-        yield run
-        for process in running:
-            process.send_signal(signal.SIGINT)
-            process.communicate(timeout=120)
-
-    @pytest.mark.parametrize('name', ['identifier', 'simulation'])
-    def test_ros2_launch_shows_the_arguments(ros2, load, name: str) -> None:
-        said, _ = ros2('launch', 'rpms_ros', f'{name}.launch.py', '--show-args').communicate()
-        for argument in load(name).declared:
-            assert f"'{argument}':" in said
-
-    def test_ros2_launch_runs_the_simulation(graph, ros2, schedule_file) -> None:
-        estimates: list[MuscleEstimate] = []
-        probe = graph.add(lambda **options: Node('probe', namespace='left_leg', **options))
-        probe.create_subscription(MuscleEstimate, 'estimate', estimates.append, qos.ESTIMATE)
-        schedule = schedule_file(paper_random())
-        arguments = ('namespace:=left_leg', f'schedule:={schedule}', 'estimator:=tracking')
-        ros2('launch', 'rpms_ros', 'simulation.launch.py', *arguments)
-        graph.wait_for(lambda: bool(estimates) and estimates[-1].pulses > 20, 120.0)
-        assert estimates[-1].estimator == 'tracking'

@@ -2,18 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """`rpms demo --live` as a stranger starts it: a curve in the browser, and nothing to press."""
 
-import itertools
 import signal
 import subprocess
 import sys
 import urllib.error
 import urllib.request
-from types import SimpleNamespace
 
 import pytest
-
-from rpms_ros.cli import demo as demo_command
-from rpms_ros.muscle import simulation_subject
 
 RPMS = [sys.executable, '-c', 'import sys; from rpms_ros.cli import main; sys.exit(main())']
 # a machine under load may have to compile first
@@ -68,21 +63,3 @@ def test_a_curve_appears_and_the_page_only_shows(demo, beside, tmp_path):
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=PATIENCE)
     assert 'Traceback' not in errors
-
-
-def test_that_the_nodes_are_starting_is_said_once(capsys, monkeypatch):
-    """As in a log: nothing can be written over, and nodes that compile take minutes."""
-    now = itertools.count(0.0, 20.0)
-    monkeypatch.setattr('rpms_ros.cli.demo.time.monotonic', lambda: next(now))
-    monitor = SimpleNamespace(
-        done=False, has_run=False, status=None, estimates=[], truths=[], broken_off=''
-    )
-    steps = iter(range(8))
-
-    def step(_):
-        monitor.done = next(steps) == 7
-
-    launcher = SimpleNamespace(monitor=monitor, step=step)
-    demo_command._watch(launcher, simulation_subject(), 45.0, quiet=False)
-    lines = capsys.readouterr().out.splitlines()
-    assert [line for line in lines[:-2] if 'nodes are starting' in line] == lines[:1]

@@ -12,7 +12,10 @@ from rclpy.node import Node
 from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool
 
-from rpms_msgs.msg import DriverStatus, OperatorHeartbeat, Pulse
+from rpms_msgs.msg import (
+    DriverStatus,
+    OperatorHeartbeat,
+)
 from rpms_ros.errors import RpmsError
 from rpms_ros.nodes import operator_console
 from rpms_ros.nodes.common import operator, qos, topics
@@ -20,6 +23,7 @@ from rpms_ros.nodes.common.operator import ButtonPublisher, Keyboard
 from rpms_ros.nodes.operator_console import OperatorConsole
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.nodes.stop_button import StopButton
+from rpms_ros.pulses import Pulse
 
 LONG = 'segments: [{kind: constant, rate_hz: 50.0, duration_s: 60.0, intensity: 0.5}]'
 
@@ -48,6 +52,19 @@ def said(graph):
 
     newest.heard = heard
     return newest
+
+
+@pytest.fixture
+def diagnosed(graph):
+    """Level and message that a node of this name published last on /diagnostics."""
+    newest = {}
+    node = graph.add(lambda **options: Node('reader', **options))
+
+    def take(message):
+        newest.update({one.name: one for one in message.status})
+
+    node.create_subscription(DiagnosticArray, topics.DIAGNOSTICS, take, 100)
+    return lambda name: (newest[name].level, newest[name].message) if name in newest else None
 
 
 def test_any_key_presses_and_one_lets_go(graph, terminal, said):
@@ -98,19 +115,6 @@ def test_a_joystick_presses_and_its_silence_too(graph, said):
     graph.wait_for(lambda: said() is True)
 
 
-@pytest.fixture
-def diagnosed(graph):
-    """Level and message that a node of this name published last on /diagnostics."""
-    newest = {}
-    node = graph.add(lambda **options: Node('reader', **options))
-
-    def take(message):
-        newest.update({one.name: one for one in message.status})
-
-    node.create_subscription(DiagnosticArray, topics.DIAGNOSTICS, take, 100)
-    return lambda name: (newest[name].level, newest[name].message) if name in newest else None
-
-
 @pytest.mark.long
 def test_a_button_says_in_diagnostics_whether_it_is_pressed_lost_or_heard(
     graph, terminal, diagnosed
@@ -130,21 +134,6 @@ def test_a_button_says_in_diagnostics_whether_it_is_pressed_lost_or_heard(
     os.close(typed)
     lost = (DiagnosticStatus.ERROR, 'terminal lost: pressed')
     graph.wait_for(lambda: diagnosed(name) == lost)
-
-
-def test_a_joystick_that_is_silent_is_an_error_of_button_and_console(graph, terminal, diagnosed):
-    graph.add(StopButton, keyboard=False, joy_button=2)
-    graph.add(
-        lambda **options: OperatorConsole(terminal[1], **options), operator='ada', joy_enable=1
-    )
-    lost = (DiagnosticStatus.ERROR, 'joystick lost: pressed')
-    graph.wait_for(lambda: diagnosed('/stop_button: stop button') == lost)
-    graph.wait_for(
-        lambda: (
-            diagnosed('/operator_console: operator')
-            == (DiagnosticStatus.ERROR, 'joystick lost: not enabled')
-        )
-    )
 
 
 def test_an_enable_that_is_held_again_before_the_console_looks_was_let_go_of(
@@ -257,3 +246,18 @@ def test_the_console_arms_runs_and_disarms(graph, terminal, tmp_path):
 def test_a_console_that_cannot_work_is_refused(graph, terminal, parameters, reason):
     with pytest.raises(RpmsError, match=reason):
         graph.add(lambda **options: OperatorConsole(terminal[1], **options), **parameters)
+
+
+def test_a_joystick_that_is_silent_is_an_error_of_button_and_console(graph, terminal, diagnosed):
+    graph.add(StopButton, keyboard=False, joy_button=2)
+    graph.add(
+        lambda **options: OperatorConsole(terminal[1], **options), operator='ada', joy_enable=1
+    )
+    lost = (DiagnosticStatus.ERROR, 'joystick lost: pressed')
+    graph.wait_for(lambda: diagnosed('/stop_button: stop button') == lost)
+    graph.wait_for(
+        lambda: (
+            diagnosed('/operator_console: operator')
+            == (DiagnosticStatus.ERROR, 'joystick lost: not enabled')
+        )
+    )

@@ -1,16 +1,20 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters as one dataclass, on a real node."""
+"""Parameters as one dataclass, their files, quality of service, and nodes that are refused."""
 
+import threading
 from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
+import yaml
 from rcl_interfaces.msg import ParameterType
-from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.qos import ReliabilityPolicy
 
-from rpms_ros.errors import NodeError
+from rpms_ros.errors import NodeError, RpmsError
+from rpms_ros.nodes.common import qos
 from rpms_ros.nodes.common.parameters import (
     NodeParameters,
     declare_parameters,
@@ -19,14 +23,16 @@ from rpms_ros.nodes.common.parameters import (
     parameter,
     type_of,
 )
-from rpms_ros.nodes.driver.parameters import DriverParameters
-from rpms_ros.nodes.identifier import IdentifierParameters
-from rpms_ros.nodes.live_page import LivePageParameters
-from rpms_ros.nodes.operator_console import ConsoleParameters
-from rpms_ros.nodes.plant_simulator import PlantParameters
-from rpms_ros.nodes.recorder import RecorderParameters
+from rpms_ros.nodes.driver.parameters import (
+    DriverParameters,
+)
+from rpms_ros.nodes.identifier import Identifier, IdentifierParameters
+from rpms_ros.nodes.live_page import LivePage, LivePageParameters
+from rpms_ros.nodes.operator_console import ConsoleParameters, OperatorConsole
+from rpms_ros.nodes.plant_simulator import PlantParameters, PlantSimulator
+from rpms_ros.nodes.recorder import Recorder, RecorderParameters
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
-from rpms_ros.nodes.stop_button import StopButtonParameters
+from rpms_ros.nodes.stop_button import StopButton, StopButtonParameters
 
 NODES = (
     ConsoleParameters,
@@ -37,6 +43,16 @@ NODES = (
     RecorderParameters,
     StopButtonParameters,
 )
+WITH_AN_AXIS = ('identifier', 'plant_simulator', 'live_page')
+FILES = {
+    'identifier': IdentifierParameters,
+    'plant_simulator': PlantParameters,
+    'recorder': RecorderParameters,
+    'live_page': LivePageParameters,
+}
+RELIABILITY = 'qos_overrides./force.subscription.reliability'
+DEPTH = 'qos_overrides./force.subscription.depth'
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @dataclass(frozen=True)
@@ -48,24 +64,18 @@ class Example(NodeParameters):
     mode: str = parameter('a', 'Mode.', choices=('a', 'b'))
     weights: tuple[float, ...] = parameter((0.5, 1.0), 'Weights.', minimum=0.0, maximum=1.0)
 
-    def __post_init__(self) -> None:
+    def __post_init__(self):
         super().__post_init__()
         if self.gain > self.limit:
             raise NodeError(f'expected a gain up to limit {self.limit}, got {self.gain}')
 
 
-def declare(context: Context, **values: object) -> tuple[Node, Example]:
+def declare(context, **values):
     overrides = [Parameter(name, value=value) for name, value in values.items()]
     node = Node(
         'example', context=context, parameter_overrides=overrides, use_global_arguments=False
     )
     return node, declare_parameters(node, Example)
-
-
-def test_defaults_and_overrides_come_back(context: Context) -> None:
-    assert declare(context)[1] == Example()
-    _, settings = declare(context, rate=50.0, mode='b', weights=[0.25])
-    assert settings == Example(rate=50.0, mode='b', weights=(0.25,))
 
 
 @dataclass(frozen=True)
@@ -74,8 +84,45 @@ class Names(NodeParameters):
     words: tuple[str, ...] = parameter(('a',), 'Words.')
 
 
-def test_a_list_may_be_empty_where_it_is_so_by_default(context: Context) -> None:
-    def declared(**values: list[str] | None) -> tuple[Parameter, Names]:
+def built(kind, tmp_path):
+    """Return how a node is made, a recorder with a folder of its own."""
+    if kind is Identifier:
+        return Identifier
+    if kind is LivePage:
+        return lambda **options: LivePage(cli_args=['--ros-args', '-p', 'port:=0'], **options)
+    path = [f'path:={tmp_path / "session"}']
+    arguments = [part for value in path for part in ('-p', value)]
+    return lambda **options: Recorder(cli_args=['--ros-args', *arguments], **options)
+
+
+class _NoTerminal:
+    """Stands for a terminal that is not there; remembers whether it was let go of."""
+
+    there = False
+
+    def __init__(self):
+        self.closed = False
+
+    def read(self):
+        return ''
+
+    def close(self):
+        self.closed = True
+
+
+def names(node):
+    """Nodes on the graph, but for the one that looks."""
+    return {name for name, _ in node.get_node_names_and_namespaces()} - {node.get_name()}
+
+
+def test_defaults_and_overrides_come_back(context):
+    assert declare(context)[1] == Example()
+    _, settings = declare(context, rate=50.0, mode='b', weights=[0.25])
+    assert settings == Example(rate=50.0, mode='b', weights=(0.25,))
+
+
+def test_a_list_may_be_empty_where_it_is_so_by_default(context):
+    def declared(**values):
         overrides = [Parameter(name, value=value) for name, value in values.items()]
         node = Node(
             'names', context=context, parameter_overrides=overrides, use_global_arguments=False
@@ -93,7 +140,7 @@ def test_a_list_may_be_empty_where_it_is_so_by_default(context: Context) -> None
         declared(words=[])
 
 
-def test_a_descriptor_says_what_the_field_says(context: Context) -> None:
+def test_a_descriptor_says_what_the_field_says(context):
     node, _ = declare(context)
     rate = node.describe_parameter('rate')
     assert (rate.type, rate.read_only) == (ParameterType.PARAMETER_DOUBLE, True)
@@ -119,16 +166,14 @@ def test_a_descriptor_says_what_the_field_says(context: Context) -> None:
         ({'gain': 3.0}, r'parameters of example: expected a gain up to limit 2\.0, got 3\.0'),
     ],
 )
-def test_a_bad_value_gives_one_clear_line(
-    context: Context, values: dict[str, object], message: str
-) -> None:
+def test_a_bad_value_gives_one_clear_line(context, values, message):
     with pytest.raises(NodeError, match=message):
         declare(context, **values)
 
 
-def test_dynamic_changes_are_followed_or_refused_with_a_reason(context: Context) -> None:
+def test_dynamic_changes_are_followed_or_refused_with_a_reason(context):
     node, settings = declare(context)
-    seen: list[Example] = []
+    seen = []
     follow_parameters(node, settings, seen.append)
     assert node.set_parameters([Parameter('gain', value=1.5)])[0].successful
     assert seen == [Example(gain=1.5)]
@@ -151,15 +196,15 @@ def test_dynamic_changes_are_followed_or_refused_with_a_reason(context: Context)
         ('Temperature_limit', 'temperature_limit'),
     ],
 )
-def test_a_driver_refuses_a_misspelt_limit(context: Context, given: str, meant: str) -> None:
+def test_a_driver_refuses_a_misspelt_limit(context, given, meant):
     line = f'expected a parameter of stimulator_driver as {meant}, got {given}'
     with pytest.raises(NodeError, match=line):
         StimulatorDriver(context=context, parameter_overrides=[Parameter(given, value=0.5)])
 
 
 def test_no_parameter_of_another_node_is_taken_for_a_misspelt_one_of_the_driver(
-    context: Context,
-) -> None:
+    context,
+):
     # one file with /** may hold those of all nodes
     own = set(descriptions(DriverParameters))
     others = {name for one in NODES for name in descriptions(one)} - own
@@ -168,10 +213,150 @@ def test_no_parameter_of_another_node_is_taken_for_a_misspelt_one_of_the_driver(
 
 
 @pytest.mark.parametrize('settings', NODES)
-def test_every_number_of_a_node_has_a_range_with_two_ends(settings: type[NodeParameters]) -> None:
+def test_every_number_of_a_node_has_a_range_with_two_ends(settings):
     for name, description in descriptions(settings).items():
         assert description.doc.endswith('.'), name
         if type_of(settings, name) in (Parameter.Type.DOUBLE, Parameter.Type.INTEGER):
             assert description.minimum is not None, name
             assert description.maximum is not None, name
             assert description.minimum <= getattr(settings, name) <= description.maximum
+
+
+@pytest.mark.parametrize('name', FILES)
+@pytest.mark.parametrize(('namespace', 'renamed'), [('', ''), ('/left_leg', 'quadriceps')])
+def test_a_parameter_file_holds_every_parameter_at_its_default(
+    context, capfd, name, namespace, renamed
+):
+    path = ROOT / 'config' / f'{name}.yaml'
+    (parameters,) = yaml.safe_load(path.read_text()).values()
+    settings = FILES[name]
+    assert list(parameters['ros__parameters']) == list(descriptions(settings))
+    node = Node(
+        renamed or name,
+        namespace=namespace,
+        context=context,
+        cli_args=['--ros-args', '--params-file', str(path)],
+        use_global_arguments=False,
+    )
+    # rclpy cannot tell whether a value was given: a spoiled one must be noticed
+    assert set(descriptions(settings)) <= set(node._parameter_overrides)
+    assert declare_parameters(node, settings) == settings()
+    assert 'unknown' not in capfd.readouterr().err
+
+
+@pytest.mark.parametrize('name', WITH_AN_AXIS)
+def test_the_axis_y_is_not_taken_for_yes(context, tmp_path, name):
+    path = tmp_path / 'own.yaml'
+    path.write_text('/**: {ros__parameters: {axis: y}}')
+    for given in (['--params-file', str(path)], ['-p', 'axis:=y']):
+        node = Node(
+            name, context=context, cli_args=['--ros-args', *given], use_global_arguments=False
+        )
+        settings = declare_parameters(node, FILES[name])
+        assert (settings.axis, node.get_parameter('axis').value) == ('y', 'y')
+
+
+@pytest.mark.parametrize('word', ['off', '12', '1.5', 'y'])
+def test_a_text_that_ros_reads_as_something_else_is_to_be_quoted(context, word):
+    def declared(given):
+        arguments = ['--ros-args', '-p', given]
+        node = Node('recorder', context=context, cli_args=arguments, use_global_arguments=False)
+        return declare_parameters(node, RecorderParameters)
+
+    with pytest.raises(NodeError, match=r'path: expected string, got .* \(put it in quotes'):
+        declared(f'path:={word}')
+    assert declared(f"path:='{word}'") == RecorderParameters(path=word)
+
+
+@pytest.mark.parametrize('kind', [Identifier, Recorder, LivePage])
+def test_a_user_may_replace_the_quality_of_the_force(graph, tmp_path, capfd, kind):
+    node = graph.add(
+        built(kind, tmp_path),
+        **{
+            RELIABILITY: 'best_effort',
+            'qos_overrides./force.subscription.depth': 7,
+            'qos_overrides./forse.subscription.depth': 7,
+        },
+    )
+    (info,) = node.get_subscriptions_info_by_topic('/force')
+    assert info.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT
+    assert node.get_parameter('qos_overrides./force.subscription.depth').value == 7
+    # the profile that other nodes of this process take is as it was
+    assert qos.FORCE.reliability is ReliabilityPolicy.RELIABLE
+    assert qos.FORCE.depth == 5000
+    said = ''.join(capfd.readouterr())
+    assert 'qos_overrides./forse.subscription.depth fits no topic of this node' in said
+    assert said.count('fits no topic') == 1
+
+
+# rclpy warns of a depth of zero, too
+@pytest.mark.filterwarnings('ignore:A zero depth')
+@pytest.mark.parametrize(
+    ('kind', 'parameters', 'message'),
+    [
+        (Identifier, {'estimator': 'guess'}, 'estimator'),
+        (Identifier, {'state_folder': '/no/such'}, 'expected a folder'),
+        (Identifier, {DEPTH: 0}, 'expected a depth of 1'),
+        (PlantSimulator, {'rate': -1.0}, 'rate'),
+        (Recorder, {'storage': 'tape'}, 'storage'),
+        (Recorder, {'path': '/proc/no/such'}, 'expected'),
+        (Recorder, {DEPTH: 0}, 'expected a depth of 1'),
+        (LivePage, {'address': 'no such address'}, 'address'),
+        (LivePage, {DEPTH: 0}, 'expected a depth of 1'),
+        (StimulatorDriver, {'maximum_intensity': 2.0}, 'maximum_intensity'),
+        (StimulatorDriver, {'audit_log': '/proc/no/such'}, 'expected'),
+        (StopButton, {'keyboard': False}, 'expected a keyboard or a joy_button'),
+        (OperatorConsole, {'operator': ''}, 'expected the name of the operator'),
+    ],
+)
+def test_a_node_that_is_refused_is_not_on_the_graph(
+    graph,
+    tmp_path,
+    monkeypatch,
+    kind,
+    parameters,
+    message,
+):
+    monkeypatch.chdir(tmp_path)
+    other = graph.add(lambda **options: Node('other', **options))
+    threads = set(threading.enumerate())
+    with pytest.raises(RpmsError, match=message) as refused:
+        graph.add(kind, **parameters)
+    graph.wait_for(lambda: not names(other))
+    # one of before may have ended meanwhile
+    assert set(threading.enumerate()) <= threads
+    # whoever holds the error holds what was built of the node
+    assert refused.traceback
+
+
+def test_a_console_without_a_terminal_lets_go_of_it(graph, tmp_path):
+    other = graph.add(lambda **options: Node('other', **options))
+    schedule = tmp_path / 'schedule.yaml'
+    schedule.write_text('segments: [{kind: pause, duration_s: 1.0}]')
+    terminal = _NoTerminal()
+    with pytest.raises(RpmsError, match='expected a terminal'):
+        graph.add(
+            lambda **options: OperatorConsole(terminal, **options),
+            operator='ada',
+            schedule_file=str(schedule),
+        )
+    assert terminal.closed
+    graph.wait_for(lambda: not names(other))
+
+
+def test_the_driver_ends_what_it_has_begun_when_its_last_part_is_refused(
+    graph, tmp_path, monkeypatch
+):
+    def refuse(*_):
+        raise RpmsError('expected the last part, got none')
+
+    monkeypatch.setattr('rpms_ros.nodes.stimulator_driver.follow_parameters', refuse)
+    other = graph.add(lambda **options: Node('other', **options))
+    threads = set(threading.enumerate())
+    log = tmp_path / 'audit.jsonl'
+    with pytest.raises(RpmsError, match='the last part'):
+        graph.add(StimulatorDriver, audit_log=str(log))
+    # one of before may have ended meanwhile
+    assert set(threading.enumerate()) <= threads
+    assert log.read_text().splitlines()[-1].count('"end"') == 1
+    graph.wait_for(lambda: not names(other))

@@ -3,7 +3,6 @@
 """The plant simulator on real rclpy: exact stamps, exact force, late and malformed pulses."""
 
 import math
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -23,54 +22,44 @@ from rpms_ros.pulses import Pulse
 class Laboratory:
     """A plant, somebody who listens to its force and somebody who sends it pulses."""
 
-    def __init__(self, graph, **parameters: object) -> None:
+    def __init__(self, graph, **parameters):
         self.graph = graph
-        self.stamps: list[int] = []
-        self.forces: list[float] = []
+        self.stamps = []
+        self.forces = []
         self.probe = graph.add(lambda **options: Node('probe', **options))
         self.probe.create_subscription(WrenchStamped, 'force', self._on_force, qos.FORCE)
         self.pulses = self.probe.create_publisher(PulseMessage, 'pulses', qos.PULSES)
         self.plant = graph.add(PlantSimulator, minimum_subscribers=1, **parameters)
         graph.wait_for(lambda: self.pulses.get_subscription_count() == 1)
 
-    def _on_force(self, message: WrenchStamped) -> None:
+    def _on_force(self, message):
         stamp_ns, force = messages.force_of(message, messages.AXES['z'])
         self.stamps.append(stamp_ns)
         self.forces.append(force)
 
-    def send(self, pulse: Pulse) -> None:
+    def send(self, pulse):
         self.pulses.publish(messages.pulse_message(pulse, MESSAGE_TYPES))
 
-    def wait_for_samples(self, count: int) -> None:
+    def wait_for_samples(self, count):
         self.graph.wait_for(lambda: len(self.stamps) >= count)
 
-    def wait_until(self, stamp_ns: int) -> None:
+    def wait_until(self, stamp_ns):
         self.graph.wait_for(lambda: bool(self.stamps) and self.stamps[-1] >= stamp_ns)
 
 
 @pytest.fixture
-def laboratory(graph) -> Iterator[Laboratory]:
+def laboratory(graph):
     return Laboratory(graph, noise=0.0)
 
 
-def test_stamps_lie_on_an_exact_grid_without_a_gap(laboratory: Laboratory) -> None:
+def test_stamps_lie_on_an_exact_grid_without_a_gap(laboratory):
     laboratory.wait_for_samples(300)
     stamps = np.array(laboratory.stamps)
     assert stamps[0] % 1_000_000 == 0
     assert set(np.diff(stamps).tolist()) == {1_000_000}
 
 
-def test_a_rate_that_does_not_divide_a_nanosecond_does_not_drift(graph) -> None:
-    laboratory = Laboratory(graph, rate=300.0)
-    laboratory.wait_for_samples(100)
-    steps = np.arange(len(laboratory.stamps))
-    first = laboratory.stamps[0]
-    exact = [round(int(step) * 10_000_000 / 3) for step in steps]
-    # either end is rounded to a whole nanosecond
-    assert np.abs(np.array(laboratory.stamps) - first - exact).max() <= 1
-
-
-def test_the_force_is_that_of_the_contraction_bit_for_bit(laboratory: Laboratory) -> None:
+def test_the_force_is_that_of_the_contraction_bit_for_bit(laboratory):
     laboratory.wait_for_samples(1)
     # in the future, so that no sample is out before the pulse is known, on a busy machine either
     onset_ns = laboratory.stamps[-1] + 1_000_000_000
@@ -83,7 +72,7 @@ def test_the_force_is_that_of_the_contraction_bit_for_bit(laboratory: Laboratory
     np.testing.assert_array_equal(laboratory.forces, expected)
 
 
-def test_a_late_pulse_acts_exactly_on_the_samples_still_to_come(laboratory: Laboratory) -> None:
+def test_a_late_pulse_acts_exactly_on_the_samples_still_to_come(laboratory):
     laboratory.wait_for_samples(200)
     onset_ns = laboratory.stamps[0]
     laboratory.send(Pulse(onset_ns, 0.9))
@@ -108,9 +97,7 @@ def test_a_late_pulse_acts_exactly_on_the_samples_still_to_come(laboratory: Labo
         (Pulse(0, 0.5, width=-1e-4), 'pulse_width_out_of_range'),
     ],
 )
-def test_a_pulse_that_cannot_be_is_counted_and_has_no_effect(
-    laboratory: Laboratory, pulse: Pulse, fault: str
-) -> None:
+def test_a_pulse_that_cannot_be_is_counted_and_has_no_effect(laboratory, pulse, fault):
     laboratory.wait_for_samples(1)
     laboratory.send(pulse._replace(onset_ns=laboratory.stamps[-1]))
     laboratory.graph.wait_for(lambda: laboratory.plant.plant.faults[fault] == 1)
@@ -118,27 +105,11 @@ def test_a_pulse_that_cannot_be_is_counted_and_has_no_effect(
     assert not any(laboratory.forces)
 
 
-def test_no_sample_comes_before_enough_listen(graph) -> None:
-    plant = graph.add(PlantSimulator, minimum_subscribers=1)
-    begun = plant.get_clock().now().nanoseconds
-    graph.wait_for(lambda: plant.get_clock().now().nanoseconds > begun + 100_000_000)
-    stamps: list[int] = []
-    probe = graph.add(lambda **options: Node('probe', **options))
-    probe.create_subscription(
-        WrenchStamped,
-        'force',
-        lambda force: stamps.append(messages.nanoseconds(force.header.stamp)),
-        qos.FORCE,
-    )
-    graph.wait_for(lambda: bool(stamps))
-    assert stamps[0] > begun + 100_000_000
-
-
-def test_the_truth_of_a_scenario_is_published(graph, tmp_path) -> None:
+def test_the_truth_of_a_scenario_is_published(graph, tmp_path):
     path = tmp_path / 'scenario.yaml'
     path.write_text('changes: [{at: 0.5, gain: 0.5, threshold: 0.6}]\n')
     laboratory = Laboratory(graph, scenario=str(path), subject='simulation')
-    truths: list[MuscleTruth] = []
+    truths = []
     laboratory.probe.create_subscription(MuscleTruth, 'truth', truths.append, qos.TRUTH)
     graph.wait_for(lambda: bool(truths) and truths[-1].gain == 0.5)
     before, after = estimate_messages.truth_of(truths[0]), estimate_messages.truth_of(truths[-1])
@@ -150,12 +121,12 @@ def test_the_truth_of_a_scenario_is_published(graph, tmp_path) -> None:
     assert after.stamp_ns in laboratory.stamps
 
 
-def test_a_scenario_that_cannot_be_read_is_refused(graph) -> None:
+def test_a_scenario_that_cannot_be_read_is_refused(graph):
     with pytest.raises(NodeError, match=r'expected a scenario of bad-sensor, .* got .nowhere.'):
         graph.add(PlantSimulator, scenario='nowhere')
 
 
-def test_a_simulated_sensor_has_the_noise_of_an_ordinary_one_at_rest_too(graph) -> None:
+def test_a_simulated_sensor_has_the_noise_of_an_ordinary_one_at_rest_too(graph):
     laboratory = Laboratory(graph)
     laboratory.wait_for_samples(300)
     # 0.5 % of 10 N, five standard errors
@@ -163,7 +134,7 @@ def test_a_simulated_sensor_has_the_noise_of_an_ordinary_one_at_rest_too(graph) 
     assert scenario_of(PlantParameters(noise=0.0)).disturbances.noise == 0.0
 
 
-def test_parameters_replace_the_disturbances_of_a_scenario() -> None:
+def test_parameters_replace_the_disturbances_of_a_scenario():
     assert scenario_of(PlantParameters(scenario='steady')).disturbances.noise == 0.05
     chosen = scenario_of(PlantParameters(scenario='steady', noise=0.2))
     assert chosen.disturbances.noise == 0.2

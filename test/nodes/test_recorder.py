@@ -3,10 +3,17 @@
 """The recorder on real rclpy: every byte that was published, readable even after a kill."""
 
 import json
-from pathlib import Path
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
 from rosbags.interfaces import QosDurability, QosReliability
@@ -15,34 +22,50 @@ from rosbags.rosbag2 import Reader
 from rpms_msgs.msg import DriverStatus, Pulse as PulseMessage
 from rpms_ros import messages
 from rpms_ros.errors import NodeError
+from rpms_ros.nodes import recorder as health_module
 from rpms_ros.nodes.common import qos
 from rpms_ros.nodes.common.topics import MESSAGE_TYPES
-from rpms_ros.nodes.recorder import Recorder
+from rpms_ros.nodes.identifier import Identifier
+from rpms_ros.nodes.live_page import LivePage
+from rpms_ros.nodes.recorder import Recorder, recorder_health
 from rpms_ros.pulses import Pulse
 from rpms_ros.recording import read_facts, read_recording
 from rpms_ros.recording.rosbag.verifying import verify
 
 MILLISECOND = 1_000_000
 SAMPLES = 2000
+RATE = 5000
+SAMPLES_PER_PULSE = 250
+
+
+def built(kind, tmp_path):
+    """Return how a node is made, a recorder with a folder of its own."""
+    if kind is Identifier:
+        return Identifier
+    if kind is LivePage:
+        return lambda **options: LivePage(cli_args=['--ros-args', '-p', 'port:=0'], **options)
+    path = [f'path:={tmp_path / "session"}']
+    arguments = [part for value in path for part in ('-p', value)]
+    return lambda **options: Recorder(cli_args=['--ros-args', *arguments], **options)
 
 
 class Source:
     """Publishes pulses and forces with known content."""
 
-    def __init__(self, graph) -> None:
+    def __init__(self, graph):
         self.graph = graph
         node = graph.add(lambda **options: Node('source', **options))
         self._pulses = node.create_publisher(PulseMessage, 'pulses', qos.PULSES)
         self._force = node.create_publisher(WrenchStamped, 'force', qos.FORCE)
 
-    def wait_for_listeners(self) -> None:
+    def wait_for_listeners(self):
         both = (self._pulses, self._force)
         # a recorder that is a process imports for a while on a machine under load
         self.graph.wait_for(
             lambda: all(one.get_subscription_count() == 1 for one in both), timeout=60.0
         )
 
-    def send(self, samples: int) -> None:
+    def send(self, samples):
         for index in range(samples):
             stamp_ns = 10**18 + index * MILLISECOND
             if index % 50 == 0:
@@ -53,7 +76,7 @@ class Source:
             )
 
 
-def check(path: Path, samples: int) -> None:
+def check(path, samples):
     recording = read_recording(path)
     stamps = 10**18 + np.arange(samples) * MILLISECOND
     np.testing.assert_array_equal(recording.forces.stamp_ns, stamps)
@@ -62,8 +85,80 @@ def check(path: Path, samples: int) -> None:
     np.testing.assert_array_equal(recording.pulses.sequence, np.arange(len(stamps[::50])))
 
 
+class FastSource(Node):
+    """Publishes numbered samples at 5 kHz, as far as the machine keeps up, and pulses."""
+
+    def __init__(self, context):
+        super().__init__('source', context=context, use_global_arguments=False)
+        self._force = self.create_publisher(WrenchStamped, 'force', qos.FORCE)
+        self._pulses = self.create_publisher(PulseMessage, 'pulses', qos.PULSES)
+        self.sent = []
+
+    def is_heard(self):
+        both = (self._force, self._pulses)
+        return all(publisher.get_subscription_count() == 1 for publisher in both)
+
+    def send_what_is_due(self, elapsed):
+        for index in range(len(self.sent), int(elapsed * RATE)):
+            if index % SAMPLES_PER_PULSE == 0:
+                pulse = Pulse(index, 0.5, index // SAMPLES_PER_PULSE)
+                self._pulses.publish(messages.pulse_message(pulse, MESSAGE_TYPES))
+            sample = messages.force_message(index, float(index), messages.AXES['z'], MESSAGE_TYPES)
+            self._force.publish(sample)
+            self.sent.append(time.monotonic())
+
+    def send_for(self, duration, wait_for):
+        begun = time.monotonic()
+
+        def done():
+            self.send_what_is_due(min(time.monotonic() - begun, duration))
+            return len(self.sent) == int(duration * RATE)
+
+        wait_for(done)
+
+
+@contextmanager
+def recording_to(path, domain):
+    code = 'import sys; from rpms_ros.nodes.recorder import main; sys.exit(main())'
+    arguments = ['--ros-args', '-p', f'path:={path}']
+    with subprocess.Popen(
+        [sys.executable, '-c', code, *arguments],
+        env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
+    ) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+@pytest.fixture
+def source(context):
+    node = FastSource(context)
+    yield node
+    node.destroy_node()
+
+
+@pytest.fixture
+def recorded(written_so_far):
+    """Number of samples in a recording that is still being written, 0 before the first pulse."""
+
+    def count(path):
+        if not any(file.stat().st_size > 100_000 for file in path.glob('*.mcap')):
+            return 0
+        recording = written_so_far(path)
+        return 0 if recording is None else len(recording.forces)
+
+    return count
+
+
+def check_order(recording):
+    samples, pulses = len(recording.forces), len(recording.pulses)
+    np.testing.assert_array_equal(recording.forces.force, np.arange(samples))
+    np.testing.assert_array_equal(recording.pulses.onset_ns, SAMPLES_PER_PULSE * np.arange(pulses))
+
+
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
-def test_what_was_published_is_in_the_recording(graph, tmp_path: Path, storage: str) -> None:
+def test_what_was_published_is_in_the_recording(graph, tmp_path, storage):
     source = Source(graph)
     path = tmp_path / 'session'
     recorder = graph.add(Recorder, path=str(path), storage=storage)
@@ -75,9 +170,7 @@ def test_what_was_published_is_in_the_recording(graph, tmp_path: Path, storage: 
     check(path, SAMPLES)
 
 
-def test_recorders_of_one_second_take_different_names(
-    graph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_recorders_of_one_second_take_different_names(graph, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     recorders = [
         graph.add(lambda **options: Recorder(namespace='leg/left', **options)) for _ in range(3)
@@ -87,7 +180,7 @@ def test_recorders_of_one_second_take_different_names(
     assert all('_leg_left' in name for name in names)
 
 
-def test_a_topic_is_recorded_with_the_quality_of_its_publishers(graph, tmp_path: Path) -> None:
+def test_a_topic_is_recorded_with_the_quality_of_its_publishers(graph, tmp_path):
     path = tmp_path / 'session'
     node = graph.add(lambda **options: Node('source', **options))
     recorder = graph.add(
@@ -115,12 +208,12 @@ def test_a_topic_is_recorded_with_the_quality_of_its_publishers(graph, tmp_path:
     assert json.loads(facts.custom['publishers']) == {'/pulses': 2, '/driver_status': 1}
 
 
-def test_a_topic_of_others_is_refused(graph, tmp_path: Path) -> None:
+def test_a_topic_of_others_is_refused(graph, tmp_path):
     with pytest.raises(NodeError, match=r"topics: expected one of pulses, .*, got 'note'"):
         graph.add(Recorder, path=str(tmp_path / 'session'), topics=['force', 'note'])
 
 
-def test_of_two_publishers_all_is_recorded_and_no_loss_is_claimed(graph, tmp_path: Path) -> None:
+def test_of_two_publishers_all_is_recorded_and_no_loss_is_claimed(graph, tmp_path):
     first, second = Source(graph), Source(graph)
     recorder = graph.add(Recorder, path=str(tmp_path / 'session'))
     for source in (first, second):
@@ -139,7 +232,7 @@ def test_of_two_publishers_all_is_recorded_and_no_loss_is_claimed(graph, tmp_pat
     assert not [line for line in lines if 'lost' in line]
 
 
-def test_what_a_full_queue_loses_is_counted(graph, tmp_path: Path) -> None:
+def test_what_a_full_queue_loses_is_counted(graph, tmp_path):
     source = Source(graph)
     recorder = graph.add(Recorder, path=str(tmp_path / 'session'))
     source.wait_for_listeners()
@@ -154,3 +247,74 @@ def test_what_a_full_queue_loses_is_counted(graph, tmp_path: Path) -> None:
     recorder.close()
     lines = [str(one.text) for one in verify(tmp_path / 'session') if one.state == 'FAULT']
     assert '100 messages of /force were lost' in lines
+
+
+@pytest.mark.filterwarnings('ignore:A zero depth')
+def test_a_recorder_that_cannot_be_made_leaves_no_open_file(graph, tmp_path):
+    # an unclosed file is a warning, and a warning an error here
+    with pytest.raises(NodeError, match='got 0'):
+        graph.add(built(Recorder, tmp_path), **{'qos_overrides./force.subscription.depth': 0})
+    assert (tmp_path / 'session' / 'metadata.yaml').is_file()
+
+
+def test_a_recorder_hears_a_best_effort_sensor_without_being_told(graph, tmp_path, capfd):
+    sensor = graph.add(lambda **options: Node('sensor', **options))
+    force = sensor.create_publisher(WrenchStamped, 'force', qos.FORCE_BEST_EFFORT)
+    recorder = graph.add(Recorder, path=str(tmp_path / 'session'))
+    graph.wait_for(lambda: force.get_subscription_count() == 1)
+    sample = messages.force_message(10**18, 1.0, messages.AXES['z'], MESSAGE_TYPES)
+
+    def heard():
+        force.publish(sample)
+        return recorder.counts['force'] > 0
+
+    graph.wait_for(heard)
+    said = ''.join(capfd.readouterr())
+    assert '/force is published best effort: it is recorded' in said
+    recorder.close()
+    assert f'closed {recorder.path}: ' in ''.join(capfd.readouterr())
+
+
+def test_a_recorder_says_what_it_lacks(tmp_path, monkeypatch):
+    def room(free):
+        usage = SimpleNamespace(free=free)
+        monkeypatch.setattr(health_module.shutil, 'disk_usage', lambda _: usage)
+
+    room(5_000_000_000)
+    assert recorder_health(tmp_path, {'force': 0}, {}).message == 'recording; no message yet'
+    fine = recorder_health(tmp_path, {'force': 3}, {})
+    assert (fine.level, fine.message) == (DiagnosticStatus.OK, 'recording')
+    assert fine.figures['messages of force'] == 3
+    lossy = recorder_health(tmp_path, {'force': 3}, {'force': 7})
+    assert (lossy.level, lossy.message) == (DiagnosticStatus.WARN, '7 messages of force lost')
+    room(20_000_000)
+    full = recorder_health(tmp_path, {'force': 3}, {})
+    assert (full.level, full.message) == (DiagnosticStatus.WARN, '20 MB are left on the disk')
+
+
+def test_a_kill_costs_nothing_that_was_flushed(
+    source,
+    domain,
+    tmp_path,
+    wait_for,
+    recorded,
+):
+    path = tmp_path / 'session'
+    with recording_to(path, domain) as process:
+        wait_for(source.is_heard, 60.0)
+        begun = time.monotonic()
+
+        def flushed_while_more_comes():
+            # no more than a recorder that is held up may leave waiting
+            source.send_what_is_due(min(time.monotonic() - begun, qos.FORCE.depth / RATE))
+            return recorded(path) > 0
+
+        wait_for(flushed_while_more_comes, 60.0)
+        # and with nothing more to come: how long it takes is measured in bench/recorder.py
+        wait_for(lambda: recorded(path) == len(source.sent), 60.0)
+        process.send_signal(signal.SIGKILL)
+        process.wait(60.0)
+    assert not (path / 'metadata.yaml').exists()
+    recording = read_recording(path)
+    check_order(recording)
+    assert len(recording.forces) == len(source.sent)

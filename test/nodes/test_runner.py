@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -45,7 +44,7 @@ sys.exit(run(ExampleNode))
 """
 
 
-def start(domain: int, *arguments: str) -> subprocess.Popen[str]:
+def start(domain, *arguments):
     return subprocess.Popen(
         [sys.executable, '-c', NODE, *arguments],
         env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
@@ -56,7 +55,7 @@ def start(domain: int, *arguments: str) -> subprocess.Popen[str]:
 
 
 @pytest.mark.parametrize('stop', [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_the_node_with_exit_code_zero(domain: int, stop: signal.Signals) -> None:
+def test_a_signal_ends_the_node_with_exit_code_zero(domain, stop):
     with start(domain) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == 'running at 20.0\n'
@@ -78,9 +77,7 @@ os._exit(0)
 """
 
 
-def test_a_node_ends_with_whoever_started_it(
-    domain: int, tmp_path: Path, wait_for: Callable[..., None]
-) -> None:
+def test_a_node_ends_with_whoever_started_it(domain, tmp_path, wait_for):
     done = subprocess.run(
         [sys.executable, '-c', STARTER, NODE, str(tmp_path / 'heard')],
         env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
@@ -92,7 +89,7 @@ def test_a_node_ends_with_whoever_started_it(
     wait_for(lambda: not is_running(int(done.stdout)))
 
 
-def is_running(process: int) -> bool:
+def is_running(process):
     """Whether a process lives; one that nobody has waited for yet does not."""
     try:
         return ') Z ' not in Path(f'/proc/{process}/stat').read_text()
@@ -100,7 +97,7 @@ def is_running(process: int) -> bool:
         return False
 
 
-def test_parameters_come_from_a_yaml_file(domain: int, tmp_path: Path) -> None:
+def test_parameters_come_from_a_yaml_file(domain, tmp_path):
     file = tmp_path / 'example.yaml'
     file.write_text('example:\n  ros__parameters:\n    rate: 2.5\n    rat: 1.0\n')
     with start(domain, '--ros-args', '--params-file', str(file)) as process:
@@ -135,9 +132,7 @@ def test_a_file_that_has_nothing_for_the_node_is_named(domain, tmp_path):
         ('rate: 0.5', 'error: parameter rate: expected [Hz] at least 1.0, got 0.5\n'),
     ],
 )
-def test_a_bad_parameter_is_one_line_and_exit_code_two(
-    domain: int, tmp_path: Path, yaml: str, message: str
-) -> None:
+def test_a_bad_parameter_is_one_line_and_exit_code_two(domain, tmp_path, yaml, message):
     file = tmp_path / 'example.yaml'
     file.write_text(f'example:\n  ros__parameters:\n    {yaml}\n')
     with start(domain, '--ros-args', '--params-file', str(file)) as process:
@@ -146,9 +141,7 @@ def test_a_bad_parameter_is_one_line_and_exit_code_two(
 
 
 @pytest.mark.parametrize('arguments', [['--params-file', '/missing.yaml'], ['--nonsense']])
-def test_bad_ros_arguments_are_no_traceback_and_exit_code_two(
-    domain: int, arguments: list[str]
-) -> None:
+def test_bad_ros_arguments_are_no_traceback_and_exit_code_two(domain, arguments):
     with start(domain, '--ros-args', *arguments) as process:
         _, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 2
@@ -170,7 +163,7 @@ sys.exit(run(build))
 """
 
 
-def ended(code: str, domain: int) -> subprocess.CompletedProcess[str]:
+def ended(code, domain):
     """Return a Python process that has run some code."""
     return subprocess.run(
         [sys.executable, '-c', code],
@@ -182,28 +175,28 @@ def ended(code: str, domain: int) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_a_signal_while_something_is_compiled_is_no_traceback(domain: int) -> None:
+def test_a_signal_while_something_is_compiled_is_no_traceback(domain):
     done = ended(COMPILING, domain)
     assert (done.returncode, done.stdout, done.stderr) == (0, '', '')
 
 
-def test_a_node_that_fails_without_a_signal_says_why(domain: int) -> None:
+def test_a_node_that_fails_without_a_signal_says_why(domain):
     done = ended(COMPILING.replace('signal.SIGINT', '0'), domain)
     assert done.returncode == 1
     assert 'RuntimeError: no compiled object yet' in done.stderr
 
 
 def test_a_signal_while_modules_are_imported_is_no_traceback(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    def interrupted(_: str) -> None:
+    monkeypatch,
+):
+    def interrupted(_):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(executables, 'import_module', interrupted)
     assert executables.identifier() == 0
 
 
-def test_help_tells_the_parameters_and_starts_nothing(domain: int) -> None:
+def test_help_tells_the_parameters_and_starts_nothing(domain):
     with start(domain, '--help') as process:
         out, errors = process.communicate(timeout=PATIENCE)
     assert (process.returncode, errors) == (0, '')
@@ -211,7 +204,7 @@ def test_help_tells_the_parameters_and_starts_nothing(domain: int) -> None:
     assert 'running' not in out
 
 
-def test_a_node_without_ros_says_so_in_a_line() -> None:
+def test_a_node_without_ros_says_so_in_a_line():
     name = 'stimulator_driver'
     code = (
         'import sys\nsys.modules["rclpy"] = None\n'
@@ -224,21 +217,7 @@ def test_a_node_without_ros_says_so_in_a_line() -> None:
     assert done.stderr.endswith(f'{name} needs ROS 2 Jazzy and rpms_msgs\n')
 
 
-def test_a_user_s_discovery_profile_is_kept() -> None:
-    from rpms_ros.nodes.common.runner import PROFILE, use_fast_discovery
-
-    theirs = {'FASTDDS_DEFAULT_PROFILES_FILE': '/their.xml'}
-    use_fast_discovery(theirs)
-    assert theirs == {'FASTDDS_DEFAULT_PROFILES_FILE': '/their.xml'}
-    ours: dict[str, str] = {}
-    use_fast_discovery(ours)
-    assert ours['FASTRTPS_DEFAULT_PROFILES_FILE'] == str(PROFILE)
-    assert PROFILE.is_file()
-
-
-def test_a_domain_in_which_somebody_is_is_not_chosen(
-    domain: int, context: Context, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_domain_in_which_somebody_is_is_not_chosen(domain, context, monkeypatch):
     from rpms_ros.nodes.common import runner
 
     monkeypatch.setattr(runner, '_DOMAINS', range(domain, domain + 1))

@@ -8,31 +8,21 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from rclpy.node import Node
 
-from rpms_msgs.msg import MuscleEstimate
-from rpms_ros import estimate_messages
 from rpms_ros.errors import NodeError
-from rpms_ros.identification import Estimate
-from rpms_ros.nodes.common import qos
-from rpms_ros.nodes.identifier import Identifier
-from rpms_ros.nodes.plant_simulator import PlantSimulator
 from rpms_ros.nodes.simulation_launcher import SimulationLauncher, SimulationSettings
-from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.recording import read_recording
 from rpms_ros.report.recorded import true_muscle
-from rpms_ros.stimulation import Schedule, UniformRandom
 
 pytestmark = pytest.mark.long
 
 RPMS = [sys.executable, '-c', 'import sys; from rpms_ros.cli import main; sys.exit(main())']
 
 
-def processes_of(folder: Path, file: str = '') -> list[int]:
+def processes_of(folder, file=''):
     """Processes that were started with a file, or any, in this folder and still run."""
     found = []
     for path in Path('/proc').glob('[0-9]*'):
@@ -45,7 +35,7 @@ def processes_of(folder: Path, file: str = '') -> list[int]:
     return found
 
 
-def demo(folder: Path, *options: str) -> str:
+def demo(folder, *options):
     """Return what a demo prints that has lost nothing.
 
     A machine that stands still for a tenth of a second makes pulses late, and a driver that is
@@ -67,35 +57,7 @@ def demo(folder: Path, *options: str) -> str:
     return done.stdout
 
 
-def test_a_lab_can_compose_the_nodes_in_one_process(graph, schedule_file) -> None:
-    estimates: list[Estimate] = []
-    probe = graph.add(lambda **options: Node('probe', **options))
-    probe.create_subscription(
-        MuscleEstimate,
-        'estimate',
-        lambda message: estimates.append(estimate_messages.estimate_of(message)),
-        qos.ESTIMATE,
-    )
-    identifier = graph.add(Identifier)
-    # the force waits for pulses that a machine under load holds up
-    graph.add(PlantSimulator, subject='simulation', minimum_subscribers=1, publication_delay=0.5)
-    graph.add(
-        StimulatorDriver,
-        autostart=True,
-        require_operator=False,
-        require_stop_button=False,
-        minimum_subscribers=2,
-        schedule_file=schedule_file(Schedule((UniformRandom(20.0, 2.0, low=0.4),), seed=1)),
-    )
-    graph.wait_for(lambda: bool(estimates) and estimates[-1].pulses >= 20)
-    graph.wait_for(lambda: estimates[-1].samples >= 2000)
-    assert identifier.stream.fault_counts == {}
-    assert estimates[-1].curve_known
-    # after two seconds not good yet, but no longer the start of 0 N
-    assert 5.0 < estimates[-1].curve_force[-1] < 20.0
-
-
-def test_the_demo_loses_nothing_and_replays_bit_for_bit(tmp_path: Path) -> None:
+def test_the_demo_loses_nothing_and_replays_bit_for_bit(tmp_path):
     folder = tmp_path / 'demo'
     said = demo(folder, '--duration', '2', '--noise', '0.01')
     assert 'estimates, bit for bit' in said
@@ -109,7 +71,7 @@ def test_the_demo_loses_nothing_and_replays_bit_for_bit(tmp_path: Path) -> None:
     assert processes_of(folder) == []
 
 
-def test_a_demo_of_a_scenario_is_followed_and_held_against_its_truth(tmp_path: Path) -> None:
+def test_a_demo_of_a_scenario_is_followed_and_held_against_its_truth(tmp_path):
     folder, scenario = tmp_path / 'demo', tmp_path / 'pushed.yaml'
     scenario.write_text(
         'name: pushed\n'
@@ -131,7 +93,7 @@ def test_a_demo_of_a_scenario_is_followed_and_held_against_its_truth(tmp_path: P
     assert muscle.curve[-1, -1] < 0.98 * muscle.curve[0, -1]
 
 
-def held_up_demo(folder: Path, wait_for: Callable[..., None]) -> tuple[int, str, str]:
+def held_up_demo(folder, wait_for):
     """Return exit code, output and complaints of a demo whose driver is stopped for a while."""
     with subprocess.Popen(
         [*RPMS, 'demo', '--duration', '30', '--quiet', '--out', str(folder)],
@@ -141,7 +103,7 @@ def held_up_demo(folder: Path, wait_for: Callable[..., None]) -> tuple[int, str,
     ) as process:
         said = folder / 'stimulator_driver.txt'
 
-        def runs(size: int) -> bool:
+        def runs(size):
             written = sum(file.stat().st_size for file in folder.rglob('*.mcap'))
             running = said.exists() and 'running' in said.read_text()
             return process.poll() is not None or (running and written > size)
@@ -158,7 +120,7 @@ def held_up_demo(folder: Path, wait_for: Callable[..., None]) -> tuple[int, str,
     return process.returncode, out, errors
 
 
-def test_a_demo_whose_driver_stops_says_so(tmp_path: Path, wait_for: Callable[..., None]) -> None:
+def test_a_demo_whose_driver_stops_says_so(tmp_path, wait_for):
     for attempt in range(3):
         code, out, errors = held_up_demo(tmp_path / f'demo_{attempt}', wait_for)
         # on a busy machine another limit of the driver may be the first
@@ -170,9 +132,7 @@ def test_a_demo_whose_driver_stops_says_so(tmp_path: Path, wait_for: Callable[..
 
 
 @pytest.mark.parametrize('stop', [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
-def test_no_process_is_left_behind(
-    tmp_path: Path, wait_for: Callable[..., None], stop: signal.Signals
-) -> None:
+def test_no_process_is_left_behind(tmp_path, wait_for, stop):
     folder = tmp_path / 'demo'
     with subprocess.Popen(
         [*RPMS, 'demo', '--out', str(folder)],
@@ -192,7 +152,7 @@ def test_no_process_is_left_behind(
         assert process.returncode == 130
 
 
-def test_a_process_that_ends_too_early_is_named_with_its_last_words(tmp_path: Path) -> None:
+def test_a_process_that_ends_too_early_is_named_with_its_last_words(tmp_path):
     settings = SimulationSettings(plant={'rate': 1000}, driver={}, identifier={})
     lines = r'expected plant_simulator to run, got exit code 2: error: parameter rate: expected'
     with (

@@ -12,9 +12,7 @@ SECONDS = 10.0
 
 
 @pytest.mark.long
-def test_nothing_is_lost_between_nodes_and_recordings(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_nothing_is_lost_between_nodes_and_recordings(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(BENCH))
     soak = __import__('soak')
     counts, injected, named, memory = soak.soak(

@@ -1,21 +1,98 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The driver as a node: interlocks, heartbeat, emergency stop, faults of the device."""
+"""The driver as a node and as a process: stops, interlocks, faults, signals."""
 
+import os
+import signal
+import subprocess
+import sys
 import time
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Vector3, WrenchStamped
-from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.msg import State, Transition
+from rclpy.node import Node
 
 from rpms_msgs.action import RunSchedule
-from rpms_msgs.msg import DriverStatus
+from rpms_msgs.msg import DriverStatus, Pulse
 from rpms_ros.nodes.common import qos, topics
-from rpms_ros.stimulation import constant, paper_random
+from rpms_ros.nodes.common.runner import ENDING, name_of
+from rpms_ros.stimulation import constant
 from rpms_ros.stimulation.devices import SimulatedFaults
+from rpms_ros.stimulation.records.append_only import verify_log
 
+FROZEN_NS, DAY_NS = 1, 86400 * 10**9
+ARGUMENTS = (
+    'autostart:=true',
+    'require_operator:=false',
+    'require_stop_button:=false',
+    'lateness_limit:=0.1',
+)
 LONG = constant(0.5, 60.0, 50.0)
+# a machine under load may hold up the driver for seconds; what these limits do is tested elsewhere
+START = """
+import signal
+import sys
+# as nohup does: a driver whose terminal is gone ends all the same
+signal.signal(signal.SIGHUP, signal.SIG_IGN)
+from dataclasses import replace
+from rpms_ros.nodes import stimulator_driver
+settings_of = stimulator_driver.driver_settings_of
+stimulator_driver.driver_settings_of = lambda given: replace(
+    settings_of(given), executor_timeout_s=5.0, response_limit_s=5.0, stuck_limit_s=5.0,
+    supervisor_timeout_s=5.0,
+)
+stimulator_driver.patience_s = lambda *_: 5.0
+sys.exit(stimulator_driver.main())
+"""
+
+
+def wrench(force, frame='force_sensor', stamp_ns=None):
+    message = WrenchStamped()
+    message.header.frame_id = frame
+    stamp_ns = time.time_ns() if stamp_ns is None else stamp_ns
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, 10**9)
+    message.wrench.force.x = 0.6 * force
+    message.wrench.force.z = 0.8 * force
+    return message
+
+
+class DriverProcess:
+    """A driver in a process of its own that runs a train, and a node that listens."""
+
+    def __init__(self, graph, domain, folder, schedule):
+        self.graph = graph
+        self.pulses, self.statuses = [], []
+        listener = graph.add(lambda **options: Node('listener', **options))
+        listen = listener.create_subscription
+        listen(Pulse, topics.PULSES, self.pulses.append, qos.PULSES)
+        listen(DriverStatus, topics.DRIVER_STATUS, self.statuses.append, qos.STATUS)
+        self.audit = folder / 'audit.jsonl'
+        arguments = [*ARGUMENTS, f'audit_log:={self.audit}', f'schedule_file:={schedule}']
+        self.process = subprocess.Popen(
+            [sys.executable, '-c', START, '--ros-args']
+            + [part for argument in arguments for part in ('-p', argument)],
+            env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+
+    def run(self):
+        self.graph.wait_for(lambda: len(self.pulses) > 5, timeout=120.0)
+
+    def ended(self):
+        self.graph.wait_for(lambda: self.process.poll() is not None, timeout=120.0)
+        return self.process.returncode
+
+
+@pytest.fixture
+def driver(graph, domain, tmp_path, schedule_file):
+    train = schedule_file(constant(0.5, 90.0, 50.0))
+    started = DriverProcess(graph, domain, tmp_path, train)
+    yield started
+    started.process.kill()
+    started.process.communicate()
 
 
 def test_service_stops_in_every_state(driver_bench):
@@ -32,19 +109,6 @@ def test_service_stops_in_every_state(driver_bench):
     # the life cycle follows: not active any more
     assert bench.call(bench.reset).success
     assert bench.change(Transition.TRANSITION_ACTIVATE)
-
-
-FROZEN_NS, DAY_NS = 1, 86400 * 10**9
-
-
-def wrench(force, frame='force_sensor', stamp_ns=None):
-    message = WrenchStamped()
-    message.header.frame_id = frame
-    stamp_ns = time.time_ns() if stamp_ns is None else stamp_ns
-    message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, 10**9)
-    message.wrench.force.x = 0.6 * force
-    message.wrench.force.z = 0.8 * force
-    return message
 
 
 @pytest.mark.parametrize(
@@ -75,17 +139,6 @@ def test_force_over_the_limit_stops(driver_bench, graph, force, quantity, unit):
     graph.wait_for(lambda: bench.call(bench.reset).success)
 
 
-def test_force_sensor_that_falls_silent_stops(driver_bench, graph):
-    bench = driver_bench(button=True, force_limit=100.0, force_timeout=2.0)
-    graph.wait_for(lambda: bench.sensor.get_subscription_count() == 1)
-    timer = bench.other.create_timer(0.02, lambda: bench.sensor.publish(wrench(10.0)))
-    assert bench.change(Transition.TRANSITION_CONFIGURE)
-    graph.wait_for(lambda: bench.change(Transition.TRANSITION_ACTIVATE))
-    timer.cancel()
-    bench.wait_for_state(DriverStatus.STOPPED)
-    assert 'force: expected a sign of life within' in bench.statuses[-1].reason
-
-
 @pytest.mark.parametrize(
     'dead',
     [
@@ -111,6 +164,19 @@ def test_force_that_is_frozen_foreign_or_of_yesterday_is_no_sign_of_life(
     assert bench.controller.fault_counts()['force_refused'] > 0
 
 
+def test_a_sample_over_the_limit_stops_also_if_it_is_no_sign_of_life(driver_bench, graph):
+    # nothing else stops within this time
+    bench = driver_bench(button=True, force_limit=100.0, force_timeout=10.0)
+    sensor = bench.other.create_publisher(WrenchStamped, topics.FORCE, qos.FORCE_BEST_EFFORT)
+    graph.wait_for(lambda: sensor.get_subscription_count() == 1)
+    felt = [wrench(10.0)]
+    bench.other.create_timer(0.02, lambda: sensor.publish(felt[0]))
+    bench.activate()
+    felt[0] = wrench(150.0, frame='ankle')
+    bench.wait_for_state(DriverStatus.STOPPED)
+    assert 'force_limit: expected at most 100 N, got 150 N' in bench.statuses[-1].reason
+
+
 def test_shutdown_of_the_life_cycle_disarms_and_closes_the_device(driver_bench):
     bench = driver_bench(button=True)
     bench.run()
@@ -119,6 +185,16 @@ def test_shutdown_of_the_life_cycle_disarms_and_closes_the_device(driver_bench):
     assert bench.change(Transition.TRANSITION_ACTIVE_SHUTDOWN)
     assert bench.controller.state.name == 'UNCONFIGURED'
     assert (device.opened, device.armed, device.intensity) == (False, False, 0.0)
+
+
+def test_shutdown_of_the_context_stops_the_pulses(driver_bench, graph):
+    lab = driver_bench()
+    lab.activate()
+    lab.send(LONG)
+    graph.wait_for(lambda: bool(lab.pulses))
+    lab.graph.context.try_shutdown()
+    assert lab.driver.controller.run.ended
+    assert not lab.driver.controller.device.armed
 
 
 def test_an_error_in_the_steady_work_of_the_node_is_a_fault(driver_bench, graph, monkeypatch):
@@ -140,19 +216,6 @@ def test_an_error_while_a_goal_is_begun_is_a_fault(driver_bench, monkeypatch):
     assert reason.startswith('expected a goal without an error, got ZeroDivisionError')
     assert bench.controller.state.name == 'FAULT'
     assert not bench.controller.device.armed
-
-
-def test_a_sample_over_the_limit_stops_also_if_it_is_no_sign_of_life(driver_bench, graph):
-    # nothing else stops within this time
-    bench = driver_bench(button=True, force_limit=100.0, force_timeout=10.0)
-    sensor = bench.other.create_publisher(WrenchStamped, topics.FORCE, qos.FORCE_BEST_EFFORT)
-    graph.wait_for(lambda: sensor.get_subscription_count() == 1)
-    felt = [wrench(10.0)]
-    bench.other.create_timer(0.02, lambda: sensor.publish(felt[0]))
-    bench.activate()
-    felt[0] = wrench(150.0, frame='ankle')
-    bench.wait_for_state(DriverStatus.STOPPED)
-    assert 'force_limit: expected at most 100 N, got 150 N' in bench.statuses[-1].reason
 
 
 @pytest.mark.parametrize(
@@ -189,18 +252,6 @@ def test_temperature_over_the_limit_stops(driver_bench):
     assert not bench.call(bench.reset).success
 
 
-def test_undeliverable_schedule_is_refused_with_its_limit(driver_bench, patient_file):
-    bench = driver_bench(
-        button=True, device_specification='rapid2-240v', patient_file=str(patient_file)
-    )
-    bench.activate()
-    code, reason = bench.refusal(paper_random(seed=0))
-    assert code == RunSchedule.Result.OVER_LIMIT
-    assert reason.startswith('maximum_intensity: expected an intensity in [0, 0.55]')
-    bench.wait_for_reason('maximum_intensity: expected an intensity in [0, 0.55]')
-    assert bench.pulses == []
-
-
 def test_deaf_driver_of_a_blocked_executor_does_not_fire(driver_bench):
     # long enough for a loaded machine to start the schedule in
     bench = driver_bench(button=True)
@@ -213,3 +264,56 @@ def test_deaf_driver_of_a_blocked_executor_does_not_fire(driver_bench):
     stopped = bench.controller.delivered
     bench.wait_for_state(DriverStatus.STOPPED)
     assert bench.controller.delivered == stopped
+
+
+def test_error_in_a_transition_ends_in_the_safe_state(driver_bench, graph):
+    lab = driver_bench()
+    lab.driver.controller.configure = lambda: 1 / 0
+    assert not lab.change(Transition.TRANSITION_CONFIGURE)
+    graph.wait_for(lambda: 'expected a transition without an error, got Zero' in lab.reason)
+    assert lab.driver._state_machine.current_state[0] == State.PRIMARY_STATE_UNCONFIGURED
+    del lab.driver.controller.configure
+    lab.activate()
+    assert lab.driver.controller.device.armed
+
+    def fails_once():
+        del lab.driver.controller.disarm
+        raise ZeroDivisionError
+
+    lab.driver.controller.disarm = fails_once
+    assert not lab.change(Transition.TRANSITION_DEACTIVATE)
+    assert lab.driver._state_machine.current_state[0] == State.PRIMARY_STATE_UNCONFIGURED
+    assert not lab.driver.controller.device.armed
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    'number',
+    [
+        signal.SIGHUP,
+        signal.SIGQUIT,
+        signal.SIGUSR1,
+        signal.SIGTERM,
+        signal.SIGINT,
+        signal.SIGTSTP,
+        # of a watchdog of systemd, and one without a name
+        signal.SIGABRT,
+        signal.SIGRTMIN + 3,
+    ],
+)
+def test_a_signal_disarms_and_ends_the_driver(driver, number):
+    driver.run()
+    driver.process.send_signal(number)
+    assert driver.ended() == 0
+    stops = [record.content for record in verify_log(driver.audit).records]
+    assert stops[-1]['kind'] == 'end'
+    reasons = [content['reason'] for content in stops if content['kind'] == 'signal']
+    assert reasons == [f'signal {name_of(number)}']
+    assert 'disarm' in [content['kind'] for content in stops]
+
+
+def test_every_signal_that_ends_a_process_and_can_be_caught_is():
+    caught = {name_of(one) for one in ENDING}
+    assert {'SIGINT', 'SIGTERM', 'SIGABRT', 'SIGSTKFLT', 'SIGPWR'} <= caught
+    assert {'SIGRTMIN', 'SIGRTMIN+1', 'SIGRTMAX'} <= caught
+    assert not {'SIGKILL', 'SIGSEGV', 'SIGCHLD', 'SIGTSTP'} & caught

@@ -1,0 +1,356 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The driver as a node: silent until told to run, a goal from begin to end, hostile goals."""
+
+import asyncio
+import hashlib
+import math
+import os
+from dataclasses import replace
+from random import Random
+from types import SimpleNamespace
+
+import pytest
+from action_msgs.msg import GoalStatus
+from geometry_msgs.msg import WrenchStamped
+from lifecycle_msgs.msg import Transition
+from rclpy.action import ActionClient
+from rclpy.node import Node
+
+from rpms_msgs.action import RunSchedule
+from rpms_msgs.msg import (
+    AcceptedSchedule,
+    DriverStatus,
+    Pulse,
+    Schedule,
+    Schedule as ScheduleMessage,
+    ScheduleSegment,
+)
+from rpms_ros import messages
+from rpms_ros.nodes.common import qos, topics
+from rpms_ros.nodes.common.topics import MESSAGE_TYPES
+from rpms_ros.nodes.recorder import Recorder
+from rpms_ros.nodes.stimulator_driver import StimulatorDriver
+from rpms_ros.pulses import PulseTrain
+from rpms_ros.recording import read_recording, write_recording
+from rpms_ros.recording.rosbag.scan import Scan
+from rpms_ros.recording.rosbag.verifying import verify as verify_recording
+from rpms_ros.schedule_messages import schedule_message
+from rpms_ros.stimulation import constant, schedule_from_text
+from rpms_ros.stimulation.records.append_only import verify_log
+
+SHORT = constant(0.5, 0.2, 50.0)
+WARM_UP = replace(constant(0.5, 0.2, 50.0), name='wärm-up')
+# bench/hostile_goals.py asks for ten thousand
+COUNT = int(os.environ.get('RPMS_HOSTILE_GOALS', '200'))
+# a service holds ten requests
+TOGETHER = 8
+NUMBERS = (0.0, 0.0, 0.1, 0.5, 1.0, 1.5, 20.0, 60.0, -1.0, 1e-320, 1e300, math.inf, math.nan)
+WHOLE = (0, 0, 1, 2, 3, 7, 1000, 2**31, 2**32 - 1)
+NAMES = ('', 'x', 'x' * 3000, 'a\x07b', '../../etc', '\u202e', '${HOME}', '\n')
+FIELDS = ScheduleSegment.get_fields_and_field_types()
+CODES = RunSchedule.Result
+LONG = constant(0.5, 60.0, 50.0)
+
+
+@pytest.fixture
+def running(driver_bench, tmp_path):
+    """A driver with an audit log, and somebody who asks for schedules."""
+    bench = driver_bench(audit_log=str(tmp_path / 'audit.jsonl'))
+    bench.audit = tmp_path / 'audit.jsonl'
+    bench.ends = lambda: bench.result(bench.send(WARM_UP, operator_id='ada')).result
+    return bench
+
+
+def heard_by(graph, name):
+    node = graph.add(lambda **options: Node(name, **options))
+    heard = []
+    node.create_subscription(
+        AcceptedSchedule, topics.ACCEPTED_SCHEDULE, heard.append, qos.ACCEPTED_SCHEDULE
+    )
+    return heard
+
+
+def recorded(path):
+    """Topics of the messages of a recording, in their order."""
+    with_places = [
+        (place, channel.topic)
+        for channel, records in Scan(path).blocks()
+        for place in records.place.tolist()
+    ]
+    return [topic for _, topic in sorted(with_places)]
+
+
+def audit_findings(path, audit):
+    findings = verify_recording(path, audit=audit)
+    return [(one.state, one.text) for one in findings if one.check == 'audit']
+
+
+def hostile_segment(random):
+    """Return a segment of which most fields are as a kind may have them."""
+    segment = ScheduleSegment(kind=random.choice([*range(13), 255]), duration_s=1.0)
+    for name in random.sample(sorted(FIELDS), random.randrange(6)):
+        kind = FIELDS[name]
+        if kind == 'double':
+            setattr(segment, name, random.choice(NUMBERS))
+        elif kind in ('uint32', 'uint64'):
+            setattr(segment, name, random.choice(WHOLE))
+        elif kind == 'boolean':
+            segment.own_seed = True
+        elif name == 'levels':
+            segment.levels = [random.choice(NUMBERS)] * random.choice([1, 3, 20_000])
+    return segment
+
+
+def hostile_schedule(random):
+    count = random.choice([0, 1, 1, 2, 3, 10, 10_001])
+    segments = [hostile_segment(random) for _ in range(min(count, 10))]
+    return Schedule(
+        name=random.choice(NAMES),
+        seed=random.choice([0, 1, 2**53 + 1, 2**64 - 1]),
+        width_s=random.choice(NUMBERS),
+        segments=segments if count <= 10 else segments * 1001,
+    )
+
+
+def test_silent_until_told_to_run(driver_bench):
+    lab = driver_bench()
+    assert lab.statuses[-1].state == DriverStatus.UNCONFIGURED
+    code, reason = lab.refusal(SHORT)
+    assert code == RunSchedule.Result.WRONG_STATE
+    assert 'expected state ARMED, got UNCONFIGURED' in reason
+    lab.graph.wait_for(lambda: 'expected state ARMED, got UNCONFIGURED' in lab.reason)
+    lab.activate()
+    lab.wait_for_state(DriverStatus.ARMED)
+    assert lab.pulses == []
+
+
+def test_goal_delivers_every_pulse_and_says_so(driver_bench, graph):
+    lab = driver_bench()
+    lab.activate()
+    handle = lab.send(SHORT)
+    assert handle.accepted
+    answer = lab.result(handle)
+    assert answer.status == GoalStatus.STATUS_SUCCEEDED
+    assert answer.result.completed
+    assert answer.result.pulses_delivered == 10
+    graph.wait_for(lambda: len(lab.pulses) == 10)
+    assert [pulse.sequence for pulse in lab.pulses] == list(range(10))
+    assert {pulse.intensity for pulse in lab.pulses} == {0.5}
+    assert {pulse.width for pulse in lab.pulses} == {100e-6}
+    graph.wait_for(lambda: len(lab.commanded) == 10)
+    assert [pulse.sequence for pulse in lab.commanded] == list(range(10))
+    lab.wait_for_state(DriverStatus.DISARMED)
+    assert lab.statuses[-1].pulses_delivered == 10
+
+
+def test_a_goal_may_expire_while_the_driver_is_taken_down(driver_bench):
+    lab = driver_bench()
+    lab.activate()
+    assert lab.result(lab.send(SHORT)).result.completed
+    server = lab.driver._action._server
+    expired = [SimpleNamespace(goal_id=SimpleNamespace(uuid=key)) for key in server._goal_handles]
+    assert len(expired) == 1
+    # the executor had taken this out of its queue before the server was destroyed
+    late = server._execute_expire_goals(expired)
+    # the graph destroys it once more
+    lab.driver._action.destroy()
+    asyncio.run(late)
+    assert not server._goal_handles
+
+
+def test_second_goal_is_refused_and_cancel_stops_the_first(driver_bench, graph):
+    lab = driver_bench()
+    lab.activate()
+    handle = lab.send(LONG)
+    graph.wait_for(lambda: bool(lab.pulses) and bool(lab.feedback))
+    assert lab.feedback[0].segments == 1
+    assert lab.refusal(SHORT) == (
+        RunSchedule.Result.WRONG_STATE,
+        'expected no schedule running, got a second goal',
+    )
+    lab.ask(handle.cancel_goal_async())
+    answer = lab.result(handle)
+    assert answer.status == GoalStatus.STATUS_CANCELED
+    assert answer.result.reason == 'cancelled by the client'
+    assert answer.result.error_code == RunSchedule.Result.CANCELLED
+    assert not answer.result.completed
+    assert lab.driver.controller.run.ended
+    assert not lab.driver.controller.device.armed
+    lab.graph.wait_for(lambda: lab.change(Transition.TRANSITION_ACTIVATE))
+    assert lab.result(lab.send(SHORT)).status == GoalStatus.STATUS_SUCCEEDED
+
+
+def test_deactivation_ends_the_goal(driver_bench, graph):
+    lab = driver_bench()
+    lab.activate()
+    handle = lab.send(LONG)
+    graph.wait_for(lambda: bool(lab.pulses))
+    assert lab.change(Transition.TRANSITION_DEACTIVATE)
+    assert lab.result(handle).status == GoalStatus.STATUS_ABORTED
+    lab.wait_for_state(DriverStatus.DISARMED)
+    assert lab.change(Transition.TRANSITION_CLEANUP)
+    lab.wait_for_state(DriverStatus.UNCONFIGURED)
+
+
+@pytest.mark.parametrize(
+    ('changes', 'reason'),
+    [
+        (None, 'segments: expected at least one segment, got none'),
+        ({'rate_hz': 60.0}, 'maximum_rate_hz: expected at most 50 Hz'),
+        ({'duration_s': math.nan}, 'segments[0].duration_s: expected a number'),
+        ({'high': 0.1}, 'segments[0].high: expected nothing here'),
+    ],
+)
+def test_bad_goals_are_refused_with_one_reason(driver_bench, graph, changes, reason):
+    lab = driver_bench()
+    lab.activate()
+    schedule = ScheduleMessage()
+    if changes is not None:
+        schedule = schedule_message(SHORT, MESSAGE_TYPES)
+        for name, value in changes.items():
+            setattr(schedule.segments[0], name, value)
+    code, said = lab.refusal(schedule)
+    assert reason in said
+    limit = reason.startswith('maximum_rate_hz')
+    assert code == (RunSchedule.Result.OVER_LIMIT if limit else RunSchedule.Result.BAD_SCHEDULE)
+    graph.wait_for(lambda: reason in lab.reason)
+    assert lab.pulses == []
+
+
+def test_autostart_waits_for_its_listeners(graph, schedule_file):
+    driver = graph.add(
+        StimulatorDriver,
+        require_operator=False,
+        require_stop_button=False,
+        lateness_limit=0.1,
+        autostart=True,
+        schedule_file=schedule_file(constant(0.5, 0.2, 50.0)),
+    )
+    graph.wait_for(lambda: driver.count_publishers(topics.PULSES) == 1)
+    assert driver.controller.state.name == 'UNCONFIGURED'
+    heard = []
+    other = graph.add(lambda **options: Node('other', **options))
+    other.create_subscription(Pulse, topics.PULSES, heard.append, qos.PULSES)
+    graph.wait_for(lambda: len(heard) == 10)
+    graph.wait_for(lambda: driver.controller.reason == 'completed')
+
+
+def test_an_automatic_start_that_is_refused_is_announced_nowhere(
+    driver_bench, graph, schedule_file, tmp_path
+):
+    log = tmp_path / 'audit'
+    heard = []
+    other = graph.add(lambda **options: Node('other', **options))
+    other.create_subscription(
+        AcceptedSchedule, topics.ACCEPTED_SCHEDULE, heard.append, qos.ACCEPTED_SCHEDULE
+    )
+    lab = driver_bench(
+        autostart=True,
+        schedule_file=schedule_file(constant(0.5, 0.2, 90.0)),
+        audit_log=str(log),
+    )
+    graph.wait_for(lambda: 'maximum_rate_hz: expected' in lab.reason)
+    lab.driver._audit.close()
+    kinds = [record.content['kind'] for record in verify_log(log).records]
+    assert 'refusal' in kinds
+    assert 'schedule' not in kinds
+    assert heard == []
+
+
+def test_a_schedule_is_told_before_its_first_pulse_and_recorded(graph, running, tmp_path):
+    recorder = graph.add(Recorder, path=str(tmp_path / 'session'))
+    driver, early = running.driver, heard_by(graph, 'early')
+    graph.wait_for(lambda: driver.count_subscribers(topics.ACCEPTED_SCHEDULE) == 2)
+    graph.wait_for(lambda: driver.count_subscribers(topics.PULSES) == 2)
+    running.activate()
+    assert running.ends().completed
+    graph.wait_for(lambda: recorder.counts[topics.PULSES] == 10)
+    graph.wait_for(lambda: recorder.counts[topics.ACCEPTED_SCHEDULE] == 1)
+    late = heard_by(graph, 'late')
+    graph.wait_for(lambda: len(late) == 1)
+    (told,) = early
+    assert late == early
+    assert (told.name, told.operator_id, told.pulses) == ('wärm-up', 'ada', 10)
+    assert told.duration == pytest.approx(0.2)  # one rounding of the sum of the segments
+    assert schedule_from_text(told.schedule) == WARM_UP
+    assert told.sha256 == hashlib.sha256(told.schedule.encode()).hexdigest()
+    recorder.close()
+    order = recorded(tmp_path / 'session')
+    assert order.index('/accepted_schedule') < order.index('/pulses')
+    assert order.index('/accepted_schedule') < order.index('/pulses_commanded')
+    (entry,) = [
+        record.content
+        for record in verify_log(running.audit).records
+        if record.content['kind'] == 'schedule'
+    ]
+    assert entry['text_sha256'] == told.sha256
+
+
+def test_the_audit_log_vouches_for_the_pulses_of_a_recording(graph, running, tmp_path):
+    path = tmp_path / 'session'
+    recorder = graph.add(Recorder, path=str(path))
+    graph.wait_for(lambda: running.driver.count_subscribers(topics.PULSES) == 2)
+    sensor = graph.add(lambda **options: Node('sensor', **options))
+    force = sensor.create_publisher(WrenchStamped, topics.FORCE, qos.FORCE)
+    graph.wait_for(lambda: force.get_subscription_count() >= 1)
+    for index in range(3):
+        force.publish(messages.force_message(index, 1.0, messages.AXES['z'], MESSAGE_TYPES))
+    running.activate()
+    assert running.ends().completed
+    graph.wait_for(lambda: not running.driver._active)
+    running.arm()
+    assert running.ends().completed
+    graph.wait_for(lambda: not running.driver._active)
+    graph.wait_for(lambda: recorder.counts[topics.PULSES] == 20)
+    graph.wait_for(lambda: recorder.counts[topics.FORCE] == 3)
+    recorder.close()
+    running.driver._audit.close()
+    assert audit_findings(path, running.audit) == [('ok', '20 pulses as the driver gave them')]
+    recording = read_recording(path)
+    pulses = recording.pulses
+    halved = replace(pulses, intensity=0.5 * pulses.intensity)
+    write_recording(tmp_path / 'halved', halved, recording.forces)
+    found = audit_findings(tmp_path / 'halved', running.audit)
+    assert [state for state, _ in found] == ['FAULT', 'FAULT']
+    assert found[0][1].endswith('not what the driver gave')
+    later = replace(pulses[:1], onset_ns=pulses.onset_ns[-1:] + 10**9)
+    write_recording(tmp_path / 'more', PulseTrain.joined([pulses, later]), recording.forces)
+    assert audit_findings(tmp_path / 'more', running.audit) == [
+        ('FAULT', 'the log has 20 of 21 pulses')
+    ]
+    text = running.audit.read_text()
+    running.audit.write_text(text.replace('ada', 'bob'))
+    assert any('chain of the log' in said for _, said in audit_findings(path, running.audit))
+
+
+@pytest.mark.long
+def test_every_hostile_goal_is_answered_with_a_reason(graph):
+    driver = graph.add(
+        StimulatorDriver,
+        require_operator=False,
+        require_stop_button=False,
+        lateness_limit=0.1,
+    )
+    other = graph.add(lambda **options: Node('other', **options))
+    client = ActionClient(other, RunSchedule, topics.RUN_SCHEDULE)
+    graph.wait_for(client.server_is_ready)
+    random = Random(3)
+    answered = 0
+    for begin in range(0, COUNT, TOGETHER):
+        batch = [hostile_schedule(random) for _ in range(min(TOGETHER, COUNT - begin))]
+        sent = [client.send_goal_async(RunSchedule.Goal(typed_schedule=one)) for one in batch]
+        graph.wait_for(lambda: all(future.done() for future in sent), timeout=60.0)  # noqa: B023
+        handles = [future.result() for future in sent]
+        assert all(handle.accepted for handle in handles)
+        results = [handle.get_result_async() for handle in handles]
+        graph.wait_for(lambda: all(each.done() for each in results), timeout=60.0)  # noqa: B023
+        for future in results:
+            result = future.result().result
+            assert result.reason
+            assert result.error_code in (CODES.BAD_SCHEDULE, CODES.OVER_LIMIT, CODES.WRONG_STATE)
+            answered += 1
+    assert answered == COUNT
+    assert driver.controller.fault_counts() == {}
+    client.destroy()
+    print(f'{answered} hostile goals, each answered with an error code and a reason')

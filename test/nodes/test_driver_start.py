@@ -1,0 +1,348 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""What a driver is started with, and the whole of it on a serial line: node, guard, instrument."""
+
+import contextlib
+import os
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from lifecycle_msgs.msg import Transition
+
+from rpms_msgs.msg import DriverStatus, Pulse
+from rpms_ros.errors import NodeError, RpmsError, StimulationError
+from rpms_ros.nodes.driver.parameters import (
+    DriverParameters,
+    build_device,
+    driver_settings_of,
+    ledger_of,
+    patience_s,
+    session_of,
+)
+from rpms_ros.nodes.driver.reports import ask_for_realtime
+from rpms_ros.nodes.stimulator_driver import StimulatorDriver
+from rpms_ros.stimulation import constant
+from rpms_ros.stimulation.devices.serial_line import SerialDevice
+from rpms_ros.stimulation.limits.limits import BookedPulse
+
+TRAIN = constant(0.1, 20.0, 10.0)
+
+
+@pytest.fixture
+def more():
+    """Parameters of the driver beside those below."""
+    return {}
+
+
+@pytest.fixture
+def batch(monkeypatch):
+    """A priority that needs no right, asked for in place of SCHED_FIFO."""
+
+    def put_under(policy):
+        for task in Path('/proc/self/task').iterdir():
+            # one may have ended meanwhile
+            with contextlib.suppress(ProcessLookupError):
+                os.sched_setscheduler(int(task.name), policy, os.sched_param(0))
+        return ''
+
+    monkeypatch.setattr(
+        'rpms_ros.nodes.stimulator_driver.ask_for_realtime',
+        lambda _priority: put_under(os.SCHED_BATCH),
+    )
+    yield
+    put_under(os.SCHED_OTHER)
+
+
+@pytest.fixture
+def theatre(
+    driver_bench, instrument, patient_file, specification_file, tmp_path, monkeypatch, more
+):
+    """An instrument, its driver with everything that a real device needs, and an operator."""
+    fake = instrument(watchdog_s=20.0)
+
+    # a machine under load may hold up instrument, guard and driver for longer than the 0.1 s to
+    # 0.2 s that they are given
+    def build(options):
+        return SerialDevice(
+            options.port, options.maximum_intensity, timeout_s=5.0, beat_limit_s=20.0
+        )
+
+    def settings_of(given):
+        return replace(
+            driver_settings_of(given),
+            executor_timeout_s=5.0,
+            response_limit_s=5.0,
+            stuck_limit_s=5.0,
+            supervisor_timeout_s=5.0,
+        )
+
+    monkeypatch.setattr('rpms_ros.stimulation.devices.serial_line.build', build)
+    monkeypatch.setattr('rpms_ros.nodes.stimulator_driver.driver_settings_of', settings_of)
+    bench = driver_bench(
+        button=True,
+        operator='ada',
+        require_stop_button=True,
+        device='serial',
+        port=fake.port,
+        device_specification=str(specification_file),
+        patient_file=str(patient_file),
+        ledger_folder=str(tmp_path / 'ledger'),
+        audit_log=str(tmp_path / 'audit.jsonl'),
+        **more,
+    )
+    assert bench.change(Transition.TRANSITION_CONFIGURE)
+    return fake, bench
+
+
+def refused_arming(bench):
+    """Ask for an arming until the reason why it is refused is neither heartbeat nor button."""
+    bench.ada.enable = True
+    assert bench.ask(bench.ada.request()).success
+    bench.graph.wait_for(lambda: bool(bench.ada.token))
+    reasons = []
+
+    def said():
+        answer = bench.ask(bench.ada.confirm())
+        assert not answer.success
+        reasons.append(answer.message)
+        return 'patient' in reasons[-1]
+
+    bench.graph.wait_for(said)
+    assert bench.controller.state.name == 'DISARMED'
+    return reasons[-1]
+
+
+@pytest.mark.parametrize(
+    ('parameters', 'reason'),
+    [
+        ({'autostart': True}, 'expected schedule_file with autostart, got none'),
+        ({'device': 'oracle'}, 'device: expected one of'),
+        (
+            {'device': 'serial', 'require_operator': False},
+            'expected require_operator with a real device, got false',
+        ),
+        (
+            {'device': 'serial', 'require_stop_button': False},
+            'expected require_stop_button with a real device, got false',
+        ),
+        ({'device': 'serial', 'autostart': True}, 'expected no autostart with a real device'),
+        ({'device': 'serial'}, 'expected audit_log with a real device, got none'),
+        ({'use_sim_time': True}, 'expected use_sim_time false: a driver stamps what it does'),
+        (
+            {'device': 'serial', 'audit_log': 'a'},
+            'expected ledger_folder with a real device, got none',
+        ),
+        (
+            {'device': 'serial', 'audit_log': 'a', 'ledger_folder': 'b', 'patient_file': 'c'},
+            'expected ledger_folder with an absolute path, got b',
+        ),
+        (
+            {'device': 'serial', 'audit_log': 'a', 'ledger_folder': '/b'},
+            'expected patient_file with a real device, got none',
+        ),
+        (
+            {
+                'device': 'serial',
+                'audit_log': 'a',
+                'ledger_folder': '/b',
+                'patient_file': '/nowhere.yaml',
+            },
+            'expected a readable patient file, got /nowhere.yaml',
+        ),
+        ({'audit_log': '/proc/nowhere/a'}, 'expected /proc/nowhere/a to write and lock'),
+        (
+            {'device_specification': 'rapid2-240v'},
+            "expected a patient file for the real device 'rapid2-240v', got none",
+        ),
+        (
+            {'device_specification': 'oracle'},
+            "expected a device of rapid2-240v, simulated .* got 'oracle'",
+        ),
+        ({'maximum_intensity': 1.5}, 'maximum_intensity: expected 0.0 to 1.0, got 1.5'),
+        ({'maximum_rate': 10}, 'maximum_rate: expected double, got integer 10'),
+        (
+            {'autostart': True, 'schedule_file': '/nowhere.yaml'},
+            'expected a readable schedule file, got /nowhere.yaml',
+        ),
+    ],
+)
+def test_bad_parameters_are_refused(graph, parameters, reason):
+    with pytest.raises(RpmsError, match=reason):
+        graph.add(StimulatorDriver, **parameters)
+
+
+def test_impossible_transition_does_not_end_the_node(driver_bench, graph):
+    lab = driver_bench()
+    assert not lab.change(Transition.TRANSITION_ACTIVATE)
+    assert not lab.change(99)
+    graph.wait_for(lambda: 'expected a transition of configure' in lab.reason)
+    lab.activate()
+
+
+def test_nothing_is_possible_after_a_shutdown(driver_bench):
+    lab = driver_bench()
+    assert lab.change(Transition.TRANSITION_UNCONFIGURED_SHUTDOWN)
+    assert not lab.change(Transition.TRANSITION_CONFIGURE)
+    said = 'expected a node that is not shut down, got configure: no transition is possible'
+    lab.wait_for_reason(said)
+    with pytest.raises(NodeError, match=said):
+        lab.driver.change(Transition.TRANSITION_CONFIGURE)
+
+
+def test_device_that_is_not_there_is_refused(
+    driver_bench, graph, tmp_path, patient_file, specification_file
+):
+    port = str(tmp_path / 'ttyUSB9')
+    lab = driver_bench(
+        device='serial',
+        port=port,
+        device_specification=str(specification_file),
+        require_operator=True,
+        require_stop_button=True,
+        audit_log=str(tmp_path / 'audit.jsonl'),
+        ledger_folder=str(tmp_path / 'ledger'),
+        patient_file=str(patient_file),
+    )
+    assert not lab.change(Transition.TRANSITION_CONFIGURE)
+    graph.wait_for(lambda: 'expected a serial port, got' in lab.reason)
+    assert lab.statuses[-1].state == DriverStatus.UNCONFIGURED
+
+
+def test_realtime_priority_is_asked_for_every_thread_or_its_refusal_said(monkeypatch):
+    asked = []
+    monkeypatch.setattr('os.sched_setscheduler', lambda *call: asked.append(call))
+    assert ask_for_realtime(20) == ''
+    assert os.getpid() in {thread for thread, *_ in asked}
+    assert {policy for _, policy, _ in asked} == {os.SCHED_FIFO}
+    assert {parameters.sched_priority for *_, parameters in asked} == {20}
+
+    def refuse(*call):
+        raise PermissionError(f'not for {call[0]}')
+
+    monkeypatch.setattr('os.sched_setscheduler', refuse)
+    assert ask_for_realtime(20).startswith('expected the right to real-time priority 20, got')
+
+
+@pytest.mark.parametrize(('parameter', 'percent'), [(1.0, 55), (0.305, 30)])
+def test_the_guard_holds_the_tightest_bound_of_device_patient_and_parameter(
+    parameter, percent, patient_file, tmp_path
+):
+    settings = DriverParameters(
+        device='serial',
+        port='/dev/null',
+        device_specification='rapid2-240v',
+        maximum_intensity=parameter,
+        patient_file=str(patient_file),
+        ledger_folder=str(tmp_path),
+        audit_log=str(tmp_path / 'audit.jsonl'),
+    )
+    device = build_device(settings, session_of(settings).specification)
+    assert device._line.limits.maximum_percent == percent
+
+
+def test_the_ledger_of_a_device_is_known_by_its_serial_number_whatever_its_port_is_called(
+    patient_file, specification_file, tmp_path
+):
+    def opened(port, specification=str(specification_file)):
+        settings = DriverParameters(
+            device='serial',
+            port=port,
+            device_specification=specification,
+            patient_file=str(patient_file),
+            ledger_folder=str(tmp_path / 'ledgers'),
+            audit_log=str(tmp_path / 'audit.jsonl'),
+        )
+        return ledger_of(settings, session_of(settings))
+
+    with opened('/dev/ttyUSB0') as ledger:
+        ledger.take(ledger.reserve([BookedPulse(time.monotonic_ns(), 0.1, 2.0)])[0])
+    with opened('/dev/serial/by-id/usb-stimulator') as ledger:
+        assert ledger.device == '0815'
+        assert len(ledger.history(time.monotonic_ns())) == 1
+    with pytest.raises(StimulationError, match=r"serial_number in .*, got none in 'rapid2-240v'"):
+        opened('/dev/ttyUSB0', 'rapid2-240v')
+
+
+def test_only_a_simulated_device_bears_a_busy_computer(patient_file, tmp_path):
+    simulated = driver_settings_of(DriverParameters())
+    assert (simulated.executor_timeout_s, simulated.supervisor_timeout_s) == (2.0, 2.0)
+    assert (simulated.stuck_limit_s, simulated.response_limit_s) == (2.0, 2.0)
+    real = DriverParameters(
+        device='serial',
+        patient_file=str(patient_file),
+        ledger_folder=str(tmp_path),
+        audit_log=str(tmp_path / 'audit.jsonl'),
+    )
+    settings = driver_settings_of(real)
+    assert (settings.executor_timeout_s, settings.supervisor_timeout_s) == (0.5, 0.5)
+    assert (settings.stuck_limit_s, settings.response_limit_s) == (0.2, 0.1)
+    assert patience_s(real, 0.1) == 0.1
+
+
+def test_a_patient_whose_figures_have_expired_meanwhile_is_not_stimulated(theatre, patient_file):
+    fake, bench = theatre
+    lines = patient_file.read_text().splitlines()
+    past = {'set_on': '2020-01-01', 'expires': '2020-01-02'}
+    dated = [next((f'{k}: {d}' for k, d in past.items() if k in line), line) for line in lines]
+    patient_file.write_text('\n'.join(dated))
+    reason = refused_arming(bench)
+    assert reason.startswith('patient P01: expected a day from 2020-01-01 to 2020-01-02, got')
+    assert not fake.armed
+
+
+@pytest.mark.parametrize(
+    ('before', 'after'),
+    [
+        ('largest_comfortable: 0.55', 'largest_comfortable: 0.45'),
+        ('pulses: 4000', 'pulses: 3000'),
+        ('identifier: P01', 'identifier: P02'),
+    ],
+)
+def test_figures_of_the_patient_that_were_changed_need_a_new_start(
+    theatre, patient_file, before, after
+):
+    fake, bench = theatre
+    # what changes no limit changes nothing
+    text = patient_file.read_text().replace('set_by: A. Physician', 'set_by: B. Physician')
+    assert before in text
+    patient_file.write_text(text.replace(before, after))
+    reason = refused_arming(bench)
+    assert reason == (
+        f'expected the figures of {patient_file} and of the device specification as they were at '
+        'the start, got others: start the driver again'
+    )
+    assert not fake.armed
+
+
+def test_a_press_disarms_the_instrument_and_what_came_is_told(theatre):
+    fake, bench = theatre
+    graph, pulses, statuses = bench.graph, bench.pulses, bench.statuses
+    bench.arm()
+    assert fake.armed
+    bench.ada.start(TRAIN)
+    graph.wait_for(lambda: len(pulses) > 3)
+    bench.button.set(True)
+    bench.wait_for_state(DriverStatus.STOPPED)
+    graph.wait_for(lambda: not fake.armed)
+    given = len(fake.triggers)
+    graph.wait_for(lambda: len(pulses) >= given and statuses[-1].dose_pulses >= given)
+    # and no more for a while
+    end = time.monotonic() + 0.5
+    graph.wait_for(lambda: time.monotonic() > end)
+    assert len(fake.triggers) == len(pulses) == given
+    # one that was in the books already when the stop came was not given
+    assert statuses[-1].dose_pulses in (given, given + 1)
+    # the published protocol has no word on whether a pulse came
+    assert all(pulse.unverified & Pulse.UNVERIFIED_DELIVERY for pulse in pulses)
+    assert {pulse.intensity for pulse in pulses} == {0.1}
+    assert statuses[-1].device == f'serial {fake.port}'
+    assert bench.controller.device.real
+
+
+@pytest.mark.usefixtures('batch')
+@pytest.mark.parametrize('more', [{'realtime_priority': 5}])
+def test_the_guard_has_the_priority_of_the_driver(theatre):
+    _, bench = theatre
+    assert os.sched_getscheduler(bench.controller.device.guard_pid) == os.SCHED_BATCH
