@@ -34,21 +34,21 @@ table = of(replace, TABLE_4)
 @pytest.mark.parametrize(
     ('make', 'fault'),
     [
-        (of(table, forgetting=0.0), r'expected 0 < forgetting <= 1, got 0\.0'),
-        (of(table, forgetting=1.1), r'expected 0 < forgetting <= 1, got 1\.1'),
+        (of(table, forgetting=0.0), r'forgetting above 0 up to 1, got 0\.0'),
+        (of(table, forgetting=1.1), r'forgetting above 0 up to 1, got 1\.1'),
         (of(table, gain_ratio_margin=0.5), r'expected 0 <= gain ratio margin < 0\.5, got 0\.5'),
-        (of(table, damping_factor=1.0), r'expected a damping factor > 1, got 1\.0'),
-        (of(table, condition_limit=1.0), r'expected a condition limit > 1, got 1\.0'),
-        (of(table, damping=0.0), r'expected damping above 0, got 0\.0'),
-        (of(table, force_scale=NAN), 'expected force_scale above 0, got nan'),
-        (of(table, linear_covariance=INF), 'expected linear_covariance above 0, got inf'),
+        (of(table, damping_factor=1.0), r'damping_factor above 1, got 1\.0'),
+        (of(table, condition_limit=1.0), r'condition_limit above 1, got 1\.0'),
+        (of(table, damping=0.0), r'finite damping above 0, got 0\.0'),
+        (of(table, force_scale=NAN), 'finite force_scale above 0, got nan'),
+        (of(table, linear_covariance=INF), 'finite linear_covariance above 0, got inf'),
         (of(table, start=Theta(0.9, 0.4, 3.0)), 'expected a start within the bounds'),
         (of(table, start=Theta(NAN, 0.4, 3.0)), 'expected a start within'),
-        (of(table, start=Theta(0.4, 0.9, 3.0, NAN)), 'expected alpha_thr above 0, got nan'),
+        (of(table, start=Theta(0.4, 0.9, 3.0, NAN)), 'finite alpha_thr above 0, got nan'),
         (of(RecruitmentBounds, u_thr=(0.5, 0.5)), r'bounds of u_thr in order, got 0\.5, 0\.5'),
         (of(RecruitmentBounds, u_sat=(NAN, 1.0)), 'expected bounds of u_sat in order, got nan'),
         (of(RecruitmentBounds, alpha_sat=(1.0, INF)), 'expected bounds of alpha_sat in order'),
-        (of(RecruitmentBounds, separation=0.0), r'expected a separation above 0, got 0\.0'),
+        (of(RecruitmentBounds, separation=0.0), r'finite separation above 0, got 0\.0'),
         (of(RecruitmentBounds, u_sat=(0.1, 1.0)), 'expected room for the separation'),
         (of(FixedSizeSettings, memory_time=0.0), r'expected memory_time above 0, got 0\.0'),
         (of(FixedSizeSettings, drift=NAN), 'expected drift above 0, got nan'),
@@ -73,7 +73,7 @@ table = of(replace, TABLE_4)
         *((of(TrainLaw, **{name: 0.0}), f'a {name} above 0, got 0') for name in TrainLaw.POSITIVE),
         (of(TrainLaw, facilitation=-1.0), 'facilitation of at least 0, got -1'),
         *(
-            (of(estimator, rate_hz=rate), 'expected a repetition rate above 0 Hz, got')
+            (of(estimator, rate_hz=rate), 'repetition rate above 0 Hz, got')
             for estimator in ESTIMATORS
             for rate in (0.0, -1.0, NAN, INF)
         ),

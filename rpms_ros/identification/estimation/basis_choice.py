@@ -162,17 +162,18 @@ class BasisChoice:
     def better(self, everywhere: bool) -> LaguerreBasis:
         """Return the best basis if it is clearly better than the present one, else that.
 
-        The search goes uphill from the present basis, or from the best that people have.  A few
+        The search goes uphill from the present basis, and from the best that people have.  A few
         steps tell which bases are among the best; these are fitted to the end.
         """
         basis = self.basis
-        candidates = (basis, *grid(len(self.fit.point.linear))) if everywhere else (basis,)
-        best = max(candidates, key=self._roughly)
-        while True:
-            nearest = max((best, *neighbours(best)), key=self._roughly)
-            if nearest == best:
-                break
-            best = nearest
+        begins = [basis]
+        if everywhere:
+            # the present one may be on a hill of its own
+            begins.append(max(grid(len(self.fit.point.linear)), key=self._roughly))
+        for nearest in begins:
+            best = None
+            while best != nearest:
+                best, nearest = nearest, max((nearest, *neighbours(nearest)), key=self._roughly)
         tried = [one for one, rough in self._found if rough]
         finalists = sorted(tried, key=self._roughly, reverse=True)[:_FINALISTS]
         best = max((basis, *finalists), key=self._likelihood)

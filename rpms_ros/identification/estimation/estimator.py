@@ -2,14 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Common parts of the batch and the tracking estimator: samples in, predictions, estimates."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from rpms_ros.errors import IdentificationError
+from rpms_ros.errors import IdentificationError, check_number
 from rpms_ros.identification.estimation.blocks import (
     COUNT,
     TIME,
@@ -94,8 +93,7 @@ class ProjectionEstimator(RestorableWithSettings):
         rate_hz: float = DEFAULT_RATE,
         capacity: int = 64,
     ) -> None:
-        if not (math.isfinite(rate_hz) and rate_hz > 0):
-            raise IdentificationError(f'expected a repetition rate above 0 Hz, got {rate_hz}')
+        check_number(IdentificationError, 'repetition rate', rate_hz, 0, above=True, unit='Hz')
         self.settings = settings if settings is not None else ProjectionSettings()
         self.rate_hz = rate_hz
         basis = self.settings.basis

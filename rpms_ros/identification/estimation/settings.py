@@ -5,13 +5,12 @@
 `Problem` has block statistics and baseline in one object.
 """
 
-import math
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
-from rpms_ros.errors import IdentificationError
+from rpms_ros.errors import IdentificationError, check_number
 from rpms_ros.identification.estimation.blocks import BlockStatistics
 from rpms_ros.identification.model.basis import LaguerreBasis
 from rpms_ros.identification.model.recruitment import NONLINEAR, PARAMETERS, SUMMATION
@@ -106,9 +105,7 @@ class RecruitmentPrior:
 
     def __post_init__(self) -> None:
         for name in ('u_thr', 'u_sat', 'alpha_sat', 'alpha_thr'):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise IdentificationError(f'expected a deviation of {name} above 0, got {value}')
+            check_number(IdentificationError, name, getattr(self, name), 0, above=True)
 
     def as_prior(self, bounds: RecruitmentBounds, alpha_thr: tuple[float, float]) -> Prior:
         """Return this prior and the bounds as a `Prior`."""

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import ndtri
 
-from rpms_ros.errors import IdentificationError
+from rpms_ros.errors import IdentificationError, check_number
 from rpms_ros.identification.estimation.basis_choice import (
     LIVELY,
     BasisChoice,
@@ -289,9 +289,7 @@ class TrackingSettings(ProjectionSettings):
     def __post_init__(self) -> None:
         super().__post_init__()
         for name in ('window', 'step_period'):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise IdentificationError(f'expected {name} above 0 s, got {value}')
+            check_number(IdentificationError, name, getattr(self, name), 0, above=True, unit='s')
 
 
 # Pulses up to this rate fit into the window [Hz]; at a higher one it is shorter.

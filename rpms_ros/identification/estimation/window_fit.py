@@ -182,6 +182,8 @@ _MOST_INFLATION = 3.0
 # a damping that rises from trial to trial and falls from step to step.
 _CERTAIN, _TRIALS = 2.0, 5
 _LEAST_DAMPING, _RISES, _FALLS = 1e-7, 30.0, 0.1
+# A response that has changed by no more than this share leaves the equations as they are.
+_SAME = 1e-3
 LEAST_ENERGY = 1e-18
 # Standard deviations by which w has to differ from zero to count as known.
 _SHOWN = 8.0
@@ -664,7 +666,7 @@ def _move(
 
     Arctangents, deviation and response can stand in for each other: where little is known, the
     step of the linearised equations leads far beyond the least cost.  The equations at the new
-    theta are returned if they were needed: the next step begins with them.
+    theta are returned if they hold for the new response too: the next step begins with them.
     """
     certain = solution.here - solution.left < _CERTAIN
     if not certain and fit.damping > _LEAST_DAMPING:
@@ -689,6 +691,10 @@ def _move(
                 fit.levels = disturbance_at(reduced, rest_there)
                 _refresh_noise(fit, there, trial.point, window)
                 fit.damping *= _FALLS
+                response = slice(NONLINEAR, NONLINEAR + len(trial.point.linear))
+                changed = np.linalg.norm(rest_there[response])
+                if changed > _SAME * np.linalg.norm(trial.point.linear):
+                    return None
                 knots = len(there.second_differences)
                 there.second_differences = _second_differences(fit, fit.first, knots)
                 return there

@@ -5,7 +5,7 @@
 import math
 from dataclasses import dataclass, field, replace
 
-from rpms_ros.errors import IdentificationError
+from rpms_ros.errors import IdentificationError, check_number
 from rpms_ros.identification.model.basis import DistortedSineBasis
 from rpms_ros.muscle.recruitment import SMALLEST_SEPARATION, RecruitmentParameters
 
@@ -34,8 +34,7 @@ class RecruitmentBounds:
             low, high = getattr(self, name)
             if not -math.inf < low < high < math.inf:
                 raise IdentificationError(f'expected bounds of {name} in order, got {low}, {high}')
-        if not self.separation > 0:
-            raise IdentificationError(f'expected a separation above 0, got {self.separation}')
+        check_number(IdentificationError, 'separation', self.separation, 0, above=True)
         if not self.u_thr[1] + self.separation <= self.u_sat[1]:
             raise IdentificationError(
                 'expected room for the separation between the highest u_thr and the highest '
@@ -122,24 +121,15 @@ class RecursiveSettings:
     bounds: RecruitmentBounds = field(default_factory=RecruitmentBounds)
 
     def __post_init__(self) -> None:
-        if not 0 < self.forgetting <= 1:
-            raise IdentificationError(f'expected 0 < forgetting <= 1, got {self.forgetting}')
+        refused = IdentificationError
+        check_number(refused, 'forgetting', self.forgetting, 0, 1, above=True)
         if not 0 <= self.gain_ratio_margin < 0.5:
-            raise IdentificationError(
-                f'expected 0 <= gain ratio margin < 0.5, got {self.gain_ratio_margin}'
-            )
-        if not self.damping_factor > 1:
-            raise IdentificationError(f'expected a damping factor > 1, got {self.damping_factor}')
-        if not self.condition_limit > 1:
-            raise IdentificationError(
-                f'expected a condition limit > 1, got {self.condition_limit}'
-            )
+            raise refused(f'expected 0 <= gain ratio margin < 0.5, got {self.gain_ratio_margin}')
+        for name in ('damping_factor', 'condition_limit'):
+            check_number(refused, name, getattr(self, name), 1, above=True)
         for name in _POSITIVE:
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise IdentificationError(f'expected {name} above 0, got {value}')
-        if not (math.isfinite(self.start.alpha_thr) and self.start.alpha_thr > 0):
-            raise IdentificationError(f'expected alpha_thr above 0, got {self.start.alpha_thr}')
+            check_number(refused, name, getattr(self, name), 0, above=True)
+        check_number(refused, 'alpha_thr', self.start.alpha_thr, 0, above=True)
         if not self.bounds.hold(self.start):
             raise IdentificationError(
                 f'expected a start within the bounds and u_thr < u_sat, got {self.start}'
