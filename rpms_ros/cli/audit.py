@@ -120,14 +120,12 @@ def _ledger(records: 'tuple[Record, ...]') -> list[str]:
     lines = [f'  ledger       of {first["owner"]} {first["name"]}']
     days: dict[str, list[float]] = {}
     for record in records:
-        content = record.content
-        if content['kind'] == 'reserve':
-            day = days.setdefault(str(content['time'])[:10], [0, 0.0, 0])
-            day[0] += len(content['pulses'])
-            day[1] += sum(energy for _, _, energy in content['pulses'])
-        elif content['kind'] == 'settle':
-            day = days.setdefault(str(content['time'])[:10], [0, 0.0, 0])
-            day[2] += len(content['unfired'])
+        pulses, unfired = record.content.get('pulses', ()), record.content.get('unfired', ())
+        if pulses or unfired:
+            day = days.setdefault(str(record.content['time'])[:10], [0, 0.0, 0])
+            day[0] += len(pulses)
+            day[1] += sum(energy for _, _, energy in pulses)
+            day[2] += len(unfired)
     for name, (pulses, energy, back) in days.items():
         lines.append(
             f'  {name}   {pulses:g} pulses and {energy:.0f} J reserved, {back:g} pulses given back'

@@ -22,6 +22,7 @@ _WAITING = 2
 # has to have its turn, which it only has on a line that is quiet.
 _DISARM_ATTEMPTS = 5
 _DISARM_INTERVAL_NS = 100_000_000
+_HELD = rapid2.REMOTE | rapid2.ARMED | rapid2.READY
 # The end of noise on a line of 9600 baud: about 30 bytes without one.
 _QUIET_NS = 30_000_000
 _LONGEST_NOISE_NS = 500_000_000
@@ -247,12 +248,8 @@ class Guard:
         wakeup: int,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        self.line = Line(line, clock)
-        self.limits = limits
-        self.ended = ''
-        self._driver = driver
-        self._wakeup = wakeup
-        self._clock = clock
+        self.line, self.limits, self.ended = Line(line, clock), limits, ''
+        self._driver, self._wakeup, self._clock = driver, wakeup, clock
         # nothing is relayed before the driver says that it listens
         self._live = False
         self._beat_ns = clock()
@@ -260,8 +257,7 @@ class Guard:
         self._listening: Packet | None = None
         self._noise_ns = self._quiet_ns = 0
         self._waiting: deque[Packet] = deque()
-        self._attempts = 0
-        self._attempt_ns = 0
+        self._attempts = self._attempt_ns = 0
         self._heard = b''
 
     def run(self) -> str:
@@ -292,12 +288,11 @@ class Guard:
         """Set intensity zero and disarm, refuse everything until the driver listens anew."""
         was_live, self._live, self._percent = self._live, False, None
         asked, self.line.outstanding = self.line.outstanding, None
-        refused = [] if asked is None or asked.sequence is None else [asked.sequence]
+        listening, self._listening = self._listening, None
+        refused = [asked.sequence] if asked and asked.sequence is not None else []
         refused += [packet.sequence for packet in self._waiting]
+        refused += [listening.sequence] if listening else []
         self._waiting.clear()
-        if self._listening is not None:
-            refused.append(self._listening.sequence)
-            self._listening = None
         self._heard = b''
         self._attempts = _DISARM_ATTEMPTS
         self._disarm()
@@ -476,14 +471,15 @@ class Guard:
 
     def _disarmed(self) -> bool:
         """Whether the instrument has said that it is disarmed."""
-        at = self._heard.find(b'E')
-        while at >= 0:
+        for at in range(len(self._heard) - rapid2.STATUS_LENGTH + 1):
             answer = self._heard[at : at + rapid2.STATUS_LENGTH]
-            if len(answer) == rapid2.STATUS_LENGTH and rapid2.framed(answer[:-1]) == answer:
-                status = answer[1]
-                if status & rapid2.REMOTE and not status & (rapid2.ARMED | rapid2.READY):
-                    return True
-            at = self._heard.find(b'E', at + 1)
+            held = answer[1] & (rapid2.REMOTE | rapid2.ARMED | rapid2.READY)
+            if (
+                answer[:1] == b'E'
+                and rapid2.framed(answer[:-1]) == answer
+                and held == rapid2.REMOTE
+            ):
+                return True
         return False
 
     # ---- the time

@@ -29,22 +29,15 @@ from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
 import yaml
-from rcl_interfaces.msg import (
-    FloatingPointRange,
-    IntegerRange,
-    ParameterDescriptor,
-    SetParametersResult,
-)
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from rpms_ros.errors import NodeError, RpmsError
 from rpms_ros.nodes.common.diagnostics import logger_of, plain_text
 
-_LARGEST_INTEGER = 2**63 - 1
 # Share of letters in common: names of parameters of different nodes have less.
 _ALIKE = 0.85
-_LARGEST_DOUBLE = 1.7976931348623157e308
 _METADATA = 'parameter'
 
 _TYPES = {
@@ -52,8 +45,6 @@ _TYPES = {
     int: Parameter.Type.INTEGER,
     float: Parameter.Type.DOUBLE,
     str: Parameter.Type.STRING,
-    tuple[bool, ...]: Parameter.Type.BOOL_ARRAY,
-    tuple[int, ...]: Parameter.Type.INTEGER_ARRAY,
     tuple[float, ...]: Parameter.Type.DOUBLE_ARRAY,
     tuple[str, ...]: Parameter.Type.STRING_ARRAY,
 }
@@ -178,29 +169,14 @@ def _within(item: Any, description: Description) -> bool:
 
 
 def _descriptor(name: str, kind: Parameter.Type, description: Description) -> ParameterDescriptor:
-    descriptor = ParameterDescriptor(
+    # bounds are checked here, with a reason: rclpy would name none
+    return ParameterDescriptor(
         name=name,
         type=kind.value,
         description=description.doc,
         additional_constraints=description.conditions(),
         read_only=not description.dynamic,
     )
-    low, high = description.minimum, description.maximum
-    if low is None and high is None:
-        return descriptor
-    if kind is Parameter.Type.DOUBLE:
-        bounds = FloatingPointRange(
-            from_value=-_LARGEST_DOUBLE if low is None else float(low),
-            to_value=_LARGEST_DOUBLE if high is None else float(high),
-        )
-        descriptor.floating_point_range = [bounds]
-    elif kind is Parameter.Type.INTEGER:
-        bounds = IntegerRange(
-            from_value=-_LARGEST_INTEGER if low is None else int(low),
-            to_value=_LARGEST_INTEGER if high is None else int(high),
-        )
-        descriptor.integer_range = [bounds]
-    return descriptor
 
 
 def declare_parameters(

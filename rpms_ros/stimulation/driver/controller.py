@@ -600,30 +600,22 @@ def _refuse_unfit(
     device: Device, specification: DeviceSpecification, ledger: MemoryLedger | None
 ) -> None:
     """Raise StimulationError if the three do not go together."""
+    name, number, limits = specification.name, specification.serial_number, specification.limits
+    wrong = ''
     if device.real and specification.simulated_only:
-        raise StimulationError(
-            f'expected the device specification of a real device, got {specification.name!r}, '
-            'which is for a simulated one only'
-        )
-    if device.real:
-        if not isinstance(ledger, DoseLedger):
-            got = 'none' if ledger is None else 'one in memory'
-            raise StimulationError(
-                f'expected a dose ledger on the disk for a real device, got {got}'
-            )
-        if ledger.device != specification.serial_number:
-            raise StimulationError(
-                'expected the dose ledger of the device with serial_number '
-                f'{specification.serial_number!r}, got that of {ledger.device!r}'
-            )
-    narrowest = specification.limits.minimum_width_s
-    widest = specification.limits.maximum_width_s
-    if not device.sets_width and narrowest != widest:
+        wrong = f'the device specification of a real device, got {name!r}'
+    elif device.real and not isinstance(ledger, DoseLedger):
+        got = 'none' if ledger is None else 'one in memory'
+        wrong = f'a dose ledger on the disk for a real device, got {got}'
+    elif device.real and isinstance(ledger, DoseLedger) and ledger.device != number:
+        wrong = f'the dose ledger of the device with serial_number {number!r}, got that of '
+        wrong += repr(ledger.device)
+    elif not device.sets_width and limits.minimum_width_s != limits.maximum_width_s:
         # a width that was asked for would be told as given
-        raise StimulationError(
-            'expected one width for a device on which none can be set, got '
-            f'{narrowest:g} s to {widest:g} s in device specification {specification.name!r}'
-        )
+        got = f'{limits.minimum_width_s:g} s to {limits.maximum_width_s:g} s in {name!r}'
+        wrong = f'one width for a device on which none can be set, got {got}'
+    if wrong:
+        raise StimulationError(f'expected {wrong}')
 
 
 _JOIN_S = 2.0

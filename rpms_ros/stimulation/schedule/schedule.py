@@ -12,6 +12,7 @@ nanoseconds from the start of the segment; intensities are shares of the stimula
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
@@ -259,41 +260,28 @@ class Schedule:
         )
 
 
-class _Tape:
-    """Collects segments one after another."""
-
-    def __init__(self, seed: int) -> None:
-        self.random = np.random.default_rng(seed)
-        self.onsets: list[IntArray] = [np.empty(0, dtype=np.int64)]
-        self.intensities: list[FloatArray] = [np.empty(0)]
-        self.owners: list[IntArray] = [np.empty(0, dtype=np.int64)]
-        self.end_ns = 0
-
-    def add(self, item: Segment | Repeat, owner: int) -> None:
-        """Append one segment, or all repetitions of several."""
-        if isinstance(item, Repeat):
-            for _ in range(item.times):
-                for inner in item.segments:
-                    self.add(inner, owner)
-            return
-        onset = item.onsets_ns()
-        onset_s = onset / NANOSECONDS_PER_SECOND
-        self.onsets.append(onset + self.end_ns)
-        self.intensities.append(np.clip(item.intensities(onset_s, self.random), 0.0, 1.0))
-        self.owners.append(np.full(len(onset), owner, dtype=np.int64))
-        self.end_ns += nanoseconds(item.length_s)
+def _unrolled(item: Segment | Repeat) -> Iterator[Segment]:
+    if not isinstance(item, Repeat):
+        yield item
+        return
+    for _ in range(item.times):
+        for inner in item.segments:
+            yield from _unrolled(inner)
 
 
 def _worked_out(schedule: Schedule) -> Plan:
-    tape = _Tape(schedule.seed)
+    random, end_ns = np.random.default_rng(schedule.seed), 0
+    empty = np.empty(0, dtype=np.int64)
+    parts: list[tuple[IntArray, FloatArray, IntArray]] = [(empty, np.empty(0), empty)]
     for owner, item in enumerate(schedule.segments):
-        tape.add(item, owner)
-    plan = Plan(
-        np.concatenate(tape.onsets),
-        np.concatenate(tape.intensities),
-        np.concatenate(tape.owners),
-        tape.end_ns,
-    )
+        for piece in _unrolled(item):
+            onset_ns = piece.onsets_ns()
+            values = piece.intensities(onset_ns / NANOSECONDS_PER_SECOND, random)
+            owners = np.full(len(onset_ns), owner, dtype=np.int64)
+            parts.append((onset_ns + end_ns, np.clip(values, 0.0, 1.0), owners))
+            end_ns += nanoseconds(piece.length_s)
+    onset_ns, intensity, segment = (np.concatenate(part) for part in zip(*parts, strict=True))
+    plan = Plan(onset_ns, intensity, segment, end_ns)
     _refuse_disorder(plan)
     return plan
 
