@@ -151,31 +151,20 @@ def hostile(graph):
     other = graph.add(lambda **options: Node('other', **options))
     estimate = MuscleEstimate(
         estimator=NASTY,
-        doubts=[NASTY],
         reasons=[NASTY, 'x' * 5000],
-        fault_names=[NASTY],
         fault_counts=[2**64 - 1],
         output_error=float('nan'),
-        rate_names=[NASTY],
-        rate=[float('inf')],
-        rate_lower=[float('-inf')],
-        rate_upper=[float('nan')],
-        change_kinds=[NASTY],
-        change_ago=[float('nan')],
         changes=1,
-        physiology_names=[NASTY],
-        physiology=[float('nan')],
     )
+    for name in ('doubts', 'fault_names', 'rate_names', 'change_kinds', 'physiology_names'):
+        setattr(estimate, name, [NASTY])
+    for name in ('rate', 'rate_lower', 'rate_upper', 'change_ago', 'physiology'):
+        setattr(estimate, name, [float('nan')])
     status = DriverStatus(
-        state=77,
-        reason=NASTY,
-        operator_id=NASTY,
-        device=NASTY,
-        schedule=NASTY,
-        button_names=[NASTY],
-        button_states=[9],
-        time_left=float('nan'),
+        state=77, button_names=[NASTY], button_states=[9], time_left=float('nan')
     )
+    for name in ('reason', 'operator_id', 'device', 'schedule'):
+        setattr(status, name, NASTY)
     estimates = other.create_publisher(MuscleEstimate, topics.ESTIMATE, qos.ESTIMATE)
     states = other.create_publisher(DriverStatus, topics.DRIVER_STATUS, qos.STATUS)
     forces = other.create_publisher(WrenchStamped, topics.FORCE, qos.FORCE)

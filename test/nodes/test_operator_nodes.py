@@ -19,7 +19,7 @@ from rpms_msgs.msg import (
 from rpms_ros.errors import RpmsError
 from rpms_ros.nodes import operator_console
 from rpms_ros.nodes.common import operator, qos, topics
-from rpms_ros.nodes.common.operator import ButtonPublisher, Keyboard
+from rpms_ros.nodes.common.operator import ButtonPublisher, Keyboard, button_health
 from rpms_ros.nodes.operator_console import OperatorConsole
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.nodes.stop_button import StopButton
@@ -115,25 +115,18 @@ def test_a_joystick_presses_and_its_silence_too(graph, said):
     graph.wait_for(lambda: said() is True)
 
 
-@pytest.mark.long
-def test_a_button_says_in_diagnostics_whether_it_is_pressed_lost_or_heard(
-    graph, terminal, diagnosed
-):
-    typed, keyboard = terminal
-    name = '/left/stop_button: stop button'
-    graph.add(lambda **options: StopButton(keyboard, namespace='left', **options))
-    alone = (DiagnosticStatus.WARN, 'released; no driver listens')
-    graph.wait_for(lambda: diagnosed(name) == alone)
-    ear = graph.add(lambda **options: Node('ear', namespace='left', **options))
-    ear.create_subscription(Bool, topics.EMERGENCY_STOP, lambda _: None, qos.STOP_LIVE)
-    graph.wait_for(lambda: diagnosed(name) == (DiagnosticStatus.OK, 'released'))
-    os.write(typed, b' ')
-    graph.wait_for(lambda: diagnosed(name) == (DiagnosticStatus.WARN, 'pressed'))
-    os.write(typed, b'r')
-    graph.wait_for(lambda: diagnosed(name) == (DiagnosticStatus.OK, 'released'))
-    os.close(typed)
-    lost = (DiagnosticStatus.ERROR, 'terminal lost: pressed')
-    graph.wait_for(lambda: diagnosed(name) == lost)
+@pytest.mark.parametrize(
+    ('pressed', 'lost', 'listeners', 'level', 'said'),
+    [
+        (True, ['terminal'], 1, DiagnosticStatus.ERROR, 'terminal lost: pressed'),
+        (True, [], 1, DiagnosticStatus.WARN, 'pressed'),
+        (False, [], 0, DiagnosticStatus.WARN, 'released; no driver listens'),
+        (False, [], 1, DiagnosticStatus.OK, 'released'),
+    ],
+)
+def test_a_button_says_whether_it_is_pressed_lost_or_heard(pressed, lost, listeners, level, said):
+    found = button_health(pressed, lost, listeners)
+    assert (found.level, found.message) == (level, said)
 
 
 def test_an_enable_that_is_held_again_before_the_console_looks_was_let_go_of(

@@ -14,9 +14,8 @@ from pathlib import Path
 
 import pytest
 import yaml
+from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
-from rclpy.action import ActionClient
-from rclpy.node import Node
 
 from rpms_msgs.msg import Schedule, ScheduleSegment
 from rpms_ros.nodes.common.parameters import (
@@ -25,7 +24,6 @@ from rpms_ros.nodes.common.parameters import (
 from rpms_ros.nodes.driver.parameters import (
     DriverParameters,
 )
-from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.schedule_messages import schedule_of
 from rpms_ros.stimulation import schedule_from_text
 from rpms_ros.stimulation.driver.states import TRANSITIONS, Command, State
@@ -70,38 +68,6 @@ def goal_of(kind, fields):
     segments = yaml.safe_load(fields)['typed_schedule']['segments']
     typed = Schedule(segments=[ScheduleSegment(**segment) for segment in segments])
     return interface(kind).Goal(typed_schedule=typed)
-
-
-class Desk:
-    """A driver without operator, and a node that asks."""
-
-    def __init__(self, graph):
-        self.graph = graph
-        free = {'require_operator': False, 'require_stop_button': False}
-        self.driver = graph.add(StimulatorDriver, **free)
-        self.node = graph.add(lambda **given: Node('desk', **given))
-        self.changes = self.node.create_client(ChangeState, f'{DRIVER}/change_state')
-        graph.wait_for(lambda: self.changes.service_is_ready())
-
-    def ask(self, future):
-        self.graph.wait_for(future.done)
-        return future.result()
-
-    def change(self, label):
-        request = ChangeState.Request()
-        request.transition.label = label
-        return self.ask(self.changes.call_async(request)).success
-
-    def goal(self, name, kind, fields):
-        client = ActionClient(self.node, interface(kind), name)
-        self.graph.wait_for(client.server_is_ready)
-        handle = self.ask(client.send_goal_async(goal_of(kind, fields)))
-        return self.ask(handle.get_result_async()).result
-
-
-@pytest.fixture
-def desk(graph):
-    return Desk(graph)
 
 
 def plain(arguments):
@@ -155,16 +121,19 @@ def test_the_file_of_parameters_is_complete_and_names_defaults():
     assert changed == {'require_operator', 'require_stop_button'}
 
 
-def test_the_rehearsal_gives_one_pulse_and_ends_as_the_page_says(desk):
+def test_the_rehearsal_gives_one_pulse_and_ends_as_the_page_says(driver_bench):
+    bench = driver_bench()
     lines = [shlex.split(line)[1:] for line in REHEARSAL.splitlines() if line.startswith('ros2 ')]
     results = []
     for line in lines:
         match plain(line):
             case ['lifecycle', 'set', _, label]:
-                assert desk.change(label), line
-            case ['action', 'send_goal', *given]:
-                results.append(desk.goal(*given))
-                desk.graph.wait_for(lambda: not desk.driver._active)
+                asked = ChangeState.Request(transition=Transition(label=label))
+                assert bench.call(bench.changes, asked).success, line
+            case ['action', 'send_goal', _, kind, fields]:
+                sent = bench.client.send_goal_async(goal_of(kind, fields))
+                results.append(bench.result(bench.ask(sent)).result)
+                bench.graph.wait_for(lambda: not bench.driver._active)
     assert [(one.completed, one.pulses_delivered) for one in results] == [(True, 1)]
 
 

@@ -4,11 +4,8 @@
 
 import json
 import os
-import signal
 import subprocess
 import sys
-import time
-from contextlib import contextmanager
 from types import SimpleNamespace
 
 import numpy as np
@@ -34,8 +31,6 @@ from rpms_ros.recording.rosbag.verifying import verify
 
 MILLISECOND = 1_000_000
 SAMPLES = 2000
-RATE = 5000
-SAMPLES_PER_PULSE = 250
 
 
 def built(kind, tmp_path):
@@ -83,78 +78,6 @@ def check(path, samples):
     np.testing.assert_array_equal(recording.forces.force, 0.1 * np.arange(samples))
     np.testing.assert_array_equal(recording.pulses.onset_ns, stamps[::50])
     np.testing.assert_array_equal(recording.pulses.sequence, np.arange(len(stamps[::50])))
-
-
-class FastSource(Node):
-    """Publishes numbered samples at 5 kHz, as far as the machine keeps up, and pulses."""
-
-    def __init__(self, context):
-        super().__init__('source', context=context, use_global_arguments=False)
-        self._force = self.create_publisher(WrenchStamped, 'force', qos.FORCE)
-        self._pulses = self.create_publisher(PulseMessage, 'pulses', qos.PULSES)
-        self.sent = []
-
-    def is_heard(self):
-        both = (self._force, self._pulses)
-        return all(publisher.get_subscription_count() == 1 for publisher in both)
-
-    def send_what_is_due(self, elapsed):
-        for index in range(len(self.sent), int(elapsed * RATE)):
-            if index % SAMPLES_PER_PULSE == 0:
-                pulse = Pulse(index, 0.5, index // SAMPLES_PER_PULSE)
-                self._pulses.publish(messages.pulse_message(pulse, MESSAGE_TYPES))
-            sample = messages.force_message(index, float(index), messages.AXES['z'], MESSAGE_TYPES)
-            self._force.publish(sample)
-            self.sent.append(time.monotonic())
-
-    def send_for(self, duration, wait_for):
-        begun = time.monotonic()
-
-        def done():
-            self.send_what_is_due(min(time.monotonic() - begun, duration))
-            return len(self.sent) == int(duration * RATE)
-
-        wait_for(done)
-
-
-@contextmanager
-def recording_to(path, domain):
-    code = 'import sys; from rpms_ros.nodes.recorder import main; sys.exit(main())'
-    arguments = ['--ros-args', '-p', f'path:={path}']
-    with subprocess.Popen(
-        [sys.executable, '-c', code, *arguments],
-        env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
-    ) as process:
-        try:
-            yield process
-        finally:
-            process.kill()
-
-
-@pytest.fixture
-def source(context):
-    node = FastSource(context)
-    yield node
-    node.destroy_node()
-
-
-@pytest.fixture
-def recorded(written_so_far):
-    """Number of samples in a recording that is still being written, 0 before the first pulse."""
-
-    def count(path):
-        if not any(file.stat().st_size > 100_000 for file in path.glob('*.mcap')):
-            return 0
-        recording = written_so_far(path)
-        return 0 if recording is None else len(recording.forces)
-
-    return count
-
-
-def check_order(recording):
-    samples, pulses = len(recording.forces), len(recording.pulses)
-    np.testing.assert_array_equal(recording.forces.force, np.arange(samples))
-    np.testing.assert_array_equal(recording.pulses.onset_ns, SAMPLES_PER_PULSE * np.arange(pulses))
 
 
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
@@ -292,29 +215,25 @@ def test_a_recorder_says_what_it_lacks(tmp_path, monkeypatch):
     assert (full.level, full.message) == (DiagnosticStatus.WARN, '20 MB are left on the disk')
 
 
-def test_a_kill_costs_nothing_that_was_flushed(
-    source,
-    domain,
-    tmp_path,
-    wait_for,
-    recorded,
-):
-    path = tmp_path / 'session'
-    with recording_to(path, domain) as process:
-        wait_for(source.is_heard, 60.0)
-        begun = time.monotonic()
+def test_a_kill_costs_nothing_that_was_flushed(graph, domain, tmp_path, written_so_far):
+    path, source = tmp_path / 'session', Source(graph)
+    code = 'import sys; from rpms_ros.nodes.recorder import main; sys.exit(main())'
+    command = [sys.executable, '-c', code, '--ros-args', '-p', f'path:={path}']
 
-        def flushed_while_more_comes():
-            # no more than a recorder that is held up may leave waiting
-            source.send_what_is_due(min(time.monotonic() - begun, qos.FORCE.depth / RATE))
-            return recorded(path) > 0
+    def flushed():
+        if not any(file.stat().st_size > 100_000 for file in path.glob('*.mcap')):
+            return 0
+        recording = written_so_far(path)
+        return 0 if recording is None else len(recording.forces)
 
-        wait_for(flushed_while_more_comes, 60.0)
-        # and with nothing more to come: how long it takes is measured in bench/recorder.py
-        wait_for(lambda: recorded(path) == len(source.sent), 60.0)
-        process.send_signal(signal.SIGKILL)
-        process.wait(60.0)
+    environment = {**os.environ, 'ROS_DOMAIN_ID': str(domain)}
+    with subprocess.Popen(command, env=environment) as process:
+        try:
+            source.wait_for_listeners()
+            source.send(SAMPLES)
+            # how long it takes is measured in bench/recorder.py
+            graph.wait_for(lambda: flushed() == SAMPLES, timeout=60.0)
+        finally:
+            process.kill()
     assert not (path / 'metadata.yaml').exists()
-    recording = read_recording(path)
-    check_order(recording)
-    assert len(recording.forces) == len(source.sent)
+    check(path, SAMPLES)
