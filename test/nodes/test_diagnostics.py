@@ -32,8 +32,7 @@ def test_two_legs_have_ten_statuses_of_different_names_and_hardware(graph, tmp_p
         for kind in (PlantSimulator, StimulatorDriver, Identifier):
             graph.add(lambda kind=kind, leg=leg, **options: kind(namespace=leg, **options))
         graph.add(
-            lambda leg=leg, **options: Recorder(namespace=leg, **options),
-            path=str(tmp_path / leg),
+            lambda leg=leg, **options: Recorder(namespace=leg, **options), path=str(tmp_path / leg)
         )
         graph.add(lambda leg=leg, **options: LivePage(namespace=leg, **options), port=0)
     graph.wait_for(lambda: len(listener.newest) == 10)

@@ -17,9 +17,7 @@ from rpms_ros.errors import NodeError
 from rpms_ros.nodes.common import qos, topics
 from rpms_ros.nodes.common.operator import ButtonPublisher
 from rpms_ros.nodes.driver import watch
-from rpms_ros.nodes.driver.parameters import (
-    DriverParameters,
-)
+from rpms_ros.nodes.driver.parameters import DriverParameters
 from rpms_ros.nodes.driver.watch import Taker, publishers_of, says_released
 
 BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)

@@ -246,9 +246,7 @@ def test_an_automatic_start_that_is_refused_is_announced_nowhere(
         AcceptedSchedule, topics.ACCEPTED_SCHEDULE, heard.append, qos.ACCEPTED_SCHEDULE
     )
     lab = driver_bench(
-        autostart=True,
-        schedule_file=schedule_file(constant(0.5, 0.2, 90.0)),
-        audit_log=str(log),
+        autostart=True, schedule_file=schedule_file(constant(0.5, 0.2, 90.0)), audit_log=str(log)
     )
     graph.wait_for(lambda: 'maximum_rate_hz: expected' in lab.reason)
     lab.driver._audit.close()
@@ -327,10 +325,7 @@ def test_the_audit_log_vouches_for_the_pulses_of_a_recording(graph, running, tmp
 @pytest.mark.long
 def test_every_hostile_goal_is_answered_with_a_reason(graph):
     driver = graph.add(
-        StimulatorDriver,
-        require_operator=False,
-        require_stop_button=False,
-        lateness_limit=0.1,
+        StimulatorDriver, require_operator=False, require_stop_button=False, lateness_limit=0.1
     )
     other = graph.add(lambda **options: Node('other', **options))
     client = ActionClient(other, RunSchedule, topics.RUN_SCHEDULE)

@@ -68,12 +68,7 @@ class Launched:
 
 
 @pytest.fixture
-def load(
-    beside,
-    module_at,
-    monkeypatch,
-    tmp_path,
-):
+def load(beside, module_at, monkeypatch, tmp_path):
     """Read a launch file with these arguments."""
     monkeypatch.setenv('AMENT_PREFIX_PATH', os.environ.get('AMENT_PREFIX_PATH', sys.prefix))
     beside('launch_stand_in').install(monkeypatch.setitem)
@@ -95,13 +90,6 @@ def test_every_argument_is_documented_here_and_on_the_page(load, name):
     setup = (ROOT / 'setup.py').read_text()
     for node in launched.nodes:
         assert f"'{node} = rpms_ros.nodes.executables:{node}'" in setup
-
-
-def test_without_arguments_the_files_of_config_hold(graph, load):
-    launched = load('identifier')
-    assert list(launched.nodes) == ['identifier']
-    (identifier,) = launched.add_to(graph).values()
-    assert identifier.settings == type(identifier.settings)()
 
 
 def test_the_identifier_takes_everything_by_arguments(graph, load, tmp_path):
@@ -140,11 +128,6 @@ def test_the_identifier_takes_everything_by_arguments(graph, load, tmp_path):
         assert node.resolve_topic_name('force') == '/cell/wrench'
         assert node.resolve_topic_name('pulses') == '/left_leg/triggers'
     recorder.close()
-
-
-def test_the_axis_y_can_be_said(graph, load):
-    nodes = load('identifier', axis='y').add_to(graph)
-    assert nodes['identifier'].settings.axis == 'y'
 
 
 def test_the_simulation_runs_a_schedule_and_is_recorded(graph, load, tmp_path):

@@ -12,10 +12,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool
 
-from rpms_msgs.msg import (
-    DriverStatus,
-    OperatorHeartbeat,
-)
+from rpms_msgs.msg import DriverStatus, OperatorHeartbeat
 from rpms_ros.errors import RpmsError
 from rpms_ros.nodes import operator_console
 from rpms_ros.nodes.common import operator, qos, topics
@@ -138,9 +135,7 @@ def test_an_enable_that_is_held_again_before_the_console_looks_was_let_go_of(
     stick.create_subscription(OperatorHeartbeat, topics.HEARTBEAT, beats.append, qos.STOP_LIVE)
     publisher = stick.create_publisher(Joy, topics.JOY, 10)
     console = graph.add(
-        lambda **options: OperatorConsole(terminal[1], **options),
-        operator='ada',
-        joy_enable=1,
+        lambda **options: OperatorConsole(terminal[1], **options), operator='ada', joy_enable=1
     )
     console.client.token = 'any'
     graph.wait_for(lambda: publisher.get_subscription_count() > 0 and bool(beats))
@@ -186,10 +181,7 @@ def test_the_console_arms_runs_and_disarms(graph, terminal, tmp_path):
     listener.create_subscription(DriverStatus, topics.DRIVER_STATUS, statuses.append, qos.STATUS)
     # a machine under load may stall for longer than the default allows
     driver = graph.add(
-        StimulatorDriver,
-        stop_button_timeout=5.0,
-        heartbeat_timeout=5.0,
-        lateness_limit=0.1,
+        StimulatorDriver, stop_button_timeout=5.0, heartbeat_timeout=5.0, lateness_limit=0.1
     )
     console = graph.add(
         lambda **options: OperatorConsole(keyboard, **options),

@@ -18,12 +18,8 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 
 from rpms_msgs.msg import Schedule, ScheduleSegment
-from rpms_ros.nodes.common.parameters import (
-    descriptions,
-)
-from rpms_ros.nodes.driver.parameters import (
-    DriverParameters,
-)
+from rpms_ros.nodes.common.parameters import descriptions
+from rpms_ros.nodes.driver.parameters import DriverParameters
 from rpms_ros.schedule_messages import schedule_of
 from rpms_ros.stimulation import schedule_from_text
 from rpms_ros.stimulation.driver.states import TRANSITIONS, Command, State

@@ -23,9 +23,7 @@ from rpms_ros.nodes.common.parameters import (
     parameter,
     type_of,
 )
-from rpms_ros.nodes.driver.parameters import (
-    DriverParameters,
-)
+from rpms_ros.nodes.driver.parameters import DriverParameters
 from rpms_ros.nodes.identifier import Identifier, IdentifierParameters
 from rpms_ros.nodes.live_page import LivePage, LivePageParameters
 from rpms_ros.nodes.operator_console import ConsoleParameters, OperatorConsole
@@ -202,9 +200,7 @@ def test_a_driver_refuses_a_misspelt_limit(context, given, meant):
         StimulatorDriver(context=context, parameter_overrides=[Parameter(given, value=0.5)])
 
 
-def test_no_parameter_of_another_node_is_taken_for_a_misspelt_one_of_the_driver(
-    context,
-):
+def test_no_parameter_of_another_node_is_taken_for_a_misspelt_one_of_the_driver(context):
     # one file with /** may hold those of all nodes
     own = set(descriptions(DriverParameters))
     others = {name for one in NODES for name in descriptions(one)} - own
@@ -310,12 +306,7 @@ def test_a_user_may_replace_the_quality_of_the_force(graph, tmp_path, capfd, kin
     ],
 )
 def test_a_node_that_is_refused_is_not_on_the_graph(
-    graph,
-    tmp_path,
-    monkeypatch,
-    kind,
-    parameters,
-    message,
+    graph, tmp_path, monkeypatch, kind, parameters, message
 ):
     monkeypatch.chdir(tmp_path)
     other = graph.add(lambda **options: Node('other', **options))

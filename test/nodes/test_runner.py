@@ -182,9 +182,7 @@ def test_a_node_that_fails_without_a_signal_says_why(domain):
     assert 'RuntimeError: no compiled object yet' in done.stderr
 
 
-def test_a_signal_while_modules_are_imported_is_no_traceback(
-    monkeypatch,
-):
+def test_a_signal_while_modules_are_imported_is_no_traceback(monkeypatch):
     def interrupted(_):
         raise KeyboardInterrupt
 

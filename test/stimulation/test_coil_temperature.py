@@ -113,3 +113,36 @@ def test_model_goes_on_from_a_measured_temperature(measuring):
     # a tenth of 22.7 J a pulse warms 700 J/K; it cools by 0.02 K meanwhile
     warmed = 25.0 + run.delivered * 2.27 / 700.0
     assert driver.controller.coil_temperature == pytest.approx(warmed, abs=0.03)
+
+
+@pytest.mark.parametrize('celsius', [0.0, 11.9, float('nan')])
+def test_a_sensor_that_says_too_little_is_a_fault(measuring, celsius):
+    driver = measuring(specification='rapid2-240v')
+    run = driver.controller.start(constant(0.3, 12.0, 20.0))
+    driver.advance(1.0)
+    warm = driver.controller.coil_temperature
+    driver.celsius = celsius
+    driver.advance(5.0)
+    assert run.cause == 'fault'
+    reason = driver.controller.reason
+    assert reason.startswith('temperature: expected a sensor that works, at least 12')
+    assert reason.endswith(f'got {celsius:g}')
+    # the model goes on without it
+    assert driver.controller.coil_temperature > warm
+
+
+def test_a_sensor_that_does_not_follow_the_pulses_is_a_fault(measuring):
+    driver = measuring(specification='rapid2-240v')
+    coil = driver.controller.coil
+    # 70 kJ in all, a tenth of them in 700 J/K
+    for _ in range(10):
+        coil.heat(driver.clock.now, 7000.0)
+        coil.measured(driver.clock.now, 25.0)
+    assert coil.doubt(driver.clock.now, 22.5) is None
+    for _ in range(5):
+        coil.heat(driver.clock.now, 7000.0)
+        coil.measured(driver.clock.now, 25.0)
+    driver.controller.start(constant(0.3, 12.0, 20.0))
+    driver.advance(5.0)
+    assert driver.controller.reason.startswith('temperature: expected a sensor that works')
+    assert driver.controller.run.cause == 'fault'

@@ -6,22 +6,10 @@ import pytest
 
 from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation import Schedule, Single, constant
-from rpms_ros.stimulation.devices import (
-    UNVERIFIED,
-    Delivery,
-    DeviceError,
-    SimulatedFaults,
-    WireTimes,
-)
+from rpms_ros.stimulation.devices import UNVERIFIED, Delivery, DeviceError, SimulatedFaults
 from rpms_ros.stimulation.driver.states import State
-from rpms_ros.stimulation.limits.limits import LedgerError
-from rpms_ros.stimulation.records.clocks import Clocks
-from rpms_ros.stimulation.records.dose_ledger import DoseLedger, MemoryLedger
 
-TRAIN = constant(0.5, 5.0, 20.0)
 SHORT = constant(0.5, 0.5, 20.0)
-# 9600 baud, ten bits a byte: a status and a temperature take 6.3 and 12.5 ms
-WIRE = WireTimes(prepare_s=8.3e-3, keep_alive_s=20e-3, trigger_s=3.1e-3, answer_s=3.1e-3)
 SECOND = 1_000_000_000
 MILLISECOND = 1_000_000
 
@@ -86,66 +74,8 @@ def stalls(driver, seconds, looks_then):
     return call
 
 
-class FailingLedger(MemoryLedger):
-    """Fails, or takes its time, when it is told to."""
-
-    broken = False
-    slow = False
-    past = ()
-
-    def __init__(self, dose=None):
-        # in the time of the test: the machine may run for longer than the window of a dose
-        super().__init__(dose, lambda: SECOND)
-        self.reserved = []
-
-    def history(self, now_monotonic_ns):
-        return tuple(
-            pulse._replace(time_ns=now_monotonic_ns + pulse.time_ns) for pulse in self.past
-        )
-
-    def reserve(self, pulses):
-        if self.broken:
-            raise LedgerError('expected a disk, got none')
-        self.reserved.extend(pulses)
-        return super().reserve(pulses)
-
-
 def vanished():
     raise DeviceError('expected the device, got nothing')
-
-
-@pytest.fixture
-def measuring(virtual):
-    """Build a driver whose device measures its coil where it is kept alive.
-
-    With ``prepares`` also every 2 s in a preparation, where it fits before the trigger.
-    """
-
-    def build(prepares=False, **options):
-        driver = virtual(wire=WIRE, **options)
-        driver.celsius, driver.readings = 25.0, []
-        ask, prepare = driver.device.keep_alive, driver.device.prepare
-
-        def measured(status):
-            driver.readings.append(driver.clock.now)
-            return status._replace(temperature=driver.celsius)
-
-        def prepared(intensity, spare_s):
-            status = prepare(intensity, spare_s)
-            if driver.clock.now - driver.readings[-1] < 2 * SECOND or spare_s < 24e-3:
-                return status
-            driver.clock.wait(15.5e-3)
-            return measured(status)
-
-        driver.device.instead['keep_alive'] = lambda: measured(ask())
-        if prepares:
-            driver.device.instead['prepare'] = prepared
-        driver.controller.configure()
-        driver.advance(1.0)
-        driver.controller.arm()
-        return driver
-
-    return build
 
 
 @pytest.mark.parametrize('call', ['prepare', 'fire', 'keep_alive', 'rest', 'beat'])
@@ -378,69 +308,44 @@ def test_device_that_cannot_be_closed_is_let_go(driver_in):
     assert driver.controller.reason == 'device closed; expected the device, got nothing'
 
 
-def test_ledger_that_cannot_be_written_is_a_fault(virtual):
-    ledger = FailingLedger()
-    driver = virtual(ledger=ledger).armed()
-    ledger.broken = True
-    with pytest.raises(LedgerError, match='expected a disk, got none'):
-        driver.controller.start(TRAIN)
-    assert driver.controller.state is State.ARMED
-    assert driver.device.commands == []
-    ledger.broken = False
-    driver.controller.start(TRAIN)
-    driver.advance(0.2)
-    ledger.broken = True
-    driver.advance(3.0)
-    assert driver.controller.state is State.FAULT
-    assert driver.controller.reason == 'expected a disk, got none'
-    assert not driver.device.armed
-    # what was reserved before
-    assert len(driver.device.commands) <= 21
+@pytest.mark.parametrize('call', ['open', 'arm'])
+@pytest.mark.parametrize('error', [DeviceError('gone'), Unheard('gone')])
+def test_whatever_a_call_raises_beforehand_is_told_and_leaves_nothing_open(virtual, call, error):
+    driver = virtual()
+    driver.device.instead[call] = raising(error)
+    with pytest.raises(DeviceError, match='gone'):
+        driver.armed()
+    if call == 'open':
+        # the device may have been opened half
+        assert 'close' in driver.device.calls
+        assert driver.controller.state is State.UNCONFIGURED
+        assert 'gone' in driver.controller.reason
+        driver.device.instead.clear()
+        driver.armed()
+    else:
+        assert_safe(driver)
 
 
-def test_a_ledger_that_is_removed_in_a_train_is_a_fault_and_ends_it(virtual, tmp_path):
-    clocks = Clocks(lambda: SECOND, lambda: SECOND)
-    with DoseLedger(tmp_path, 'device', 'patient', clocks=clocks) as ledger:
-        driver = virtual(ledger=ledger).armed()
-        driver.controller.start(TRAIN)
-        driver.advance(1.0)
-        for path in tmp_path.glob('*.ledger'):
-            path.unlink()
-        driver.advance(1.0)
-        assert driver.controller.state is State.FAULT
-        assert 'device.ledger, got' in driver.controller.reason
-        # a second was reserved ahead, half of it at a time
-        assert len(driver.device.commands) <= 31
+def test_hang_in_arming_is_noticed_and_never_armed(virtual):
+    driver = virtual()
+    driver.controller.configure()
+    hang = driver.device.hang(3.0)
+
+    def arms_late():
+        hang()
+        return type(driver.device).arm(driver.device)
+
+    driver.device.instead['arm'] = arms_late
+    with pytest.raises(StimulationError, match='expected no stop meanwhile'):
+        driver.controller.arm()
+    assert driver.controller.fault_counts() == {'stuck': 1}
+    assert_safe(driver)
 
 
-@pytest.mark.parametrize('celsius', [0.0, 11.9, float('nan')])
-def test_a_sensor_that_says_too_little_is_a_fault(measuring, celsius):
-    driver = measuring(specification='rapid2-240v')
-    run = driver.controller.start(constant(0.3, 12.0, 20.0))
-    driver.advance(1.0)
-    warm = driver.controller.coil_temperature
-    driver.celsius = celsius
-    driver.advance(5.0)
-    assert run.cause == 'fault'
-    reason = driver.controller.reason
-    assert reason.startswith('temperature: expected a sensor that works, at least 12')
-    assert reason.endswith(f'got {celsius:g}')
-    # the model goes on without it
-    assert driver.controller.coil_temperature > warm
-
-
-def test_a_sensor_that_does_not_follow_the_pulses_is_a_fault(measuring):
-    driver = measuring(specification='rapid2-240v')
-    coil = driver.controller.coil
-    # 70 kJ in all, a tenth of them in 700 J/K
-    for _ in range(10):
-        coil.heat(driver.clock.now, 7000.0)
-        coil.measured(driver.clock.now, 25.0)
-    assert coil.doubt(driver.clock.now, 22.5) is None
-    for _ in range(5):
-        coil.heat(driver.clock.now, 7000.0)
-        coil.measured(driver.clock.now, 25.0)
-    driver.controller.start(constant(0.3, 12.0, 20.0))
-    driver.advance(5.0)
-    assert driver.controller.reason.startswith('temperature: expected a sensor that works')
-    assert driver.controller.run.cause == 'fault'
+@pytest.mark.parametrize('flag', ['coil_absent', 'replace_coil', 'error'])
+def test_device_that_is_not_in_order_is_not_armed(virtual, flag):
+    driver = virtual()
+    driver.faults = SimulatedFaults(**{flag: True})
+    with pytest.raises(DeviceError, match='expected a'):
+        driver.armed()
+    assert_safe(driver)

@@ -11,6 +11,7 @@ from rpms_ros.stimulation.driver.safety_monitor import Refused
 from rpms_ros.stimulation.driver.states import State
 from rpms_ros.stimulation.limits.limits import BookedPulse, DoseLimits, LedgerError, Limits
 from rpms_ros.stimulation.records.append_only import AUDIT_LOG, ChainedFile
+from rpms_ros.stimulation.records.clocks import Clocks
 from rpms_ros.stimulation.records.dose_ledger import DoseLedger, MemoryLedger
 
 TRAIN = constant(0.5, 5.0, 20.0)
@@ -22,12 +23,11 @@ class FailingLedger(MemoryLedger):
 
     broken = False
     slow = False
-    past = ()
 
-    def __init__(self, dose=None):
+    def __init__(self, dose=None, past=()):
         # in the time of the test: the machine may run for longer than the window of a dose
         super().__init__(dose, lambda: SECOND)
-        self.reserved = []
+        self.reserved, self.past = [], past
 
     def history(self, now_monotonic_ns):
         return tuple(
@@ -39,19 +39,6 @@ class FailingLedger(MemoryLedger):
             raise LedgerError('expected a disk, got none')
         self.reserved.extend(pulses)
         return super().reserve(pulses)
-
-
-class PastLedger(MemoryLedger):
-    """Of a device that gave pulses before this process; times relative to now."""
-
-    def __init__(self, past):
-        super().__init__()
-        self._past = past
-
-    def history(self, now_monotonic_ns):
-        return tuple(
-            pulse._replace(time_ns=now_monotonic_ns + pulse.time_ns) for pulse in self._past
-        )
 
 
 def test_pulses_are_reserved_ahead_and_given_back_after_the_end(virtual):
@@ -138,16 +125,16 @@ def test_rest_power_and_session_survive_a_restart(virtual):
 def test_a_restart_knows_how_warm_the_coil_is(virtual):
     # a fifth of a time constant ago, 70 kJ within a second: 10 K of which 8.19 K are left
     past = [BookedPulse(-121 * SECOND + n * SECOND // 20, 1.0, 3500.0) for n in range(20)]
-    warm = virtual(specification='rapid2-240v', ledger=PastLedger(past)).controller
+    warm = virtual(specification='rapid2-240v', ledger=FailingLedger(past=past)).controller
     assert warm.coil_temperature == pytest.approx(22.0 + 8.19, abs=0.02)
     elsewhere = [pulse._replace(on_device=False) for pulse in past]
-    other = virtual(specification='rapid2-240v', ledger=PastLedger(elsewhere)).controller
+    other = virtual(specification='rapid2-240v', ledger=FailingLedger(past=elsewhere)).controller
     assert other.coil_temperature == 22.0
 
 
 def test_a_coil_that_is_too_warm_after_a_restart_is_not_used_until_it_has_cooled(virtual):
     past = [BookedPulse(-SECOND, 1.0, 140e3)]
-    driver = virtual(specification='rapid2-240v', ledger=PastLedger(past))
+    driver = virtual(specification='rapid2-240v', ledger=FailingLedger(past=past))
     driver.controller.configure()
     driver.advance(60.0)
     with pytest.raises(Refused, match='temperature: expected at most 40 Celsius, got 40'):
@@ -179,3 +166,38 @@ def test_what_has_to_be_on_the_disk_is_synced_before_the_call_returns(tmp_path, 
         calls.clear()
         log.append('arm', {})
         assert [name for name, _ in calls] == ['write', 'fsync']
+
+
+def test_ledger_that_cannot_be_written_is_a_fault(virtual):
+    ledger = FailingLedger()
+    driver = virtual(ledger=ledger).armed()
+    ledger.broken = True
+    with pytest.raises(LedgerError, match='expected a disk, got none'):
+        driver.controller.start(TRAIN)
+    assert driver.controller.state is State.ARMED
+    assert driver.device.commands == []
+    ledger.broken = False
+    driver.controller.start(TRAIN)
+    driver.advance(0.2)
+    ledger.broken = True
+    driver.advance(3.0)
+    assert driver.controller.state is State.FAULT
+    assert driver.controller.reason == 'expected a disk, got none'
+    assert not driver.device.armed
+    # what was reserved before
+    assert len(driver.device.commands) <= 21
+
+
+def test_a_ledger_that_is_removed_in_a_train_is_a_fault_and_ends_it(virtual, tmp_path):
+    clocks = Clocks(lambda: SECOND, lambda: SECOND)
+    with DoseLedger(tmp_path, 'device', 'patient', clocks=clocks) as ledger:
+        driver = virtual(ledger=ledger).armed()
+        driver.controller.start(TRAIN)
+        driver.advance(1.0)
+        for path in tmp_path.glob('*.ledger'):
+            path.unlink()
+        driver.advance(1.0)
+        assert driver.controller.state is State.FAULT
+        assert 'device.ledger, got' in driver.controller.reason
+        # a second was reserved ahead, half of it at a time
+        assert len(driver.device.commands) <= 31

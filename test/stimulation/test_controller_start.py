@@ -8,7 +8,7 @@ import pytest
 
 from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation import Pause, Schedule, Single, constant
-from rpms_ros.stimulation.devices import DeviceError, SimulatedDevice, SimulatedFaults
+from rpms_ros.stimulation.devices import SimulatedDevice
 from rpms_ros.stimulation.devices.serial_line import SerialDevice
 from rpms_ros.stimulation.driver.controller import StimulationController
 from rpms_ros.stimulation.driver.safety_monitor import Refused
@@ -52,40 +52,6 @@ def expected():
         for row in rows
         for state, cell in zip(states, row[1:], strict=True)
     }
-
-
-class Unheard(Exception):
-    """Of a type that nobody expects."""
-
-
-def raising(error):
-    def call(*arguments):
-        del arguments
-        raise error
-
-    return call
-
-
-def assert_safe(driver, state=State.FAULT):
-    """Nothing fires, nothing is kept alive, and only a clean-up leads out."""
-    controller, device = driver.controller, driver.device
-    assert controller.state is state
-    assert (device.intensity, device.armed) == (0.0, False)
-    assert driver.due_ns() is None
-    assert controller.run is None or controller.run.cause == 'fault'
-    given = len(device.commands)
-    device.calls.clear()
-    driver.advance(3.0)
-    assert len(device.commands) == given
-    assert 'keep_alive' not in device.calls
-    with pytest.raises(StimulationError, match='arm: expected state DISARMED'):
-        controller.arm()
-    device.instead.clear()
-    driver.faults = SimulatedFaults()
-    controller.cleanup()
-    assert controller.state is State.UNCONFIGURED
-    controller.configure()
-    controller.arm()
 
 
 def test_the_table_of_transitions_is_the_one_that_is_meant():
@@ -233,15 +199,6 @@ def test_schedule_over_the_dose_is_refused_before_its_first_pulse(virtual):
     assert ledger.totals().pulses == 99
 
 
-@pytest.mark.parametrize('flag', ['coil_absent', 'replace_coil', 'error'])
-def test_device_that_is_not_in_order_is_not_armed(virtual, flag):
-    driver = virtual()
-    driver.faults = SimulatedFaults(**{flag: True})
-    with pytest.raises(DeviceError, match='expected a'):
-        driver.armed()
-    assert_safe(driver)
-
-
 def test_what_the_subject_knew_before_a_sleep_of_the_machine_is_not_known_after_it(
     virtual, monkeypatch
 ):
@@ -262,37 +219,3 @@ def test_what_the_subject_knew_before_a_sleep_of_the_machine_is_not_known_after_
     controller.start(constant(0.1, 0.5, 20.0))
     driver.advance(1.0)
     assert len(driver.device.commands) == given + 10
-
-
-@pytest.mark.parametrize('call', ['open', 'arm'])
-@pytest.mark.parametrize('error', [DeviceError('gone'), Unheard('gone')])
-def test_whatever_a_call_raises_beforehand_is_told_and_leaves_nothing_open(virtual, call, error):
-    driver = virtual()
-    driver.device.instead[call] = raising(error)
-    with pytest.raises(DeviceError, match='gone'):
-        driver.armed()
-    if call == 'open':
-        # the device may have been opened half
-        assert 'close' in driver.device.calls
-        assert driver.controller.state is State.UNCONFIGURED
-        assert 'gone' in driver.controller.reason
-        driver.device.instead.clear()
-        driver.armed()
-    else:
-        assert_safe(driver)
-
-
-def test_hang_in_arming_is_noticed_and_never_armed(virtual):
-    driver = virtual()
-    driver.controller.configure()
-    hang = driver.device.hang(3.0)
-
-    def arms_late():
-        hang()
-        return type(driver.device).arm(driver.device)
-
-    driver.device.instead['arm'] = arms_late
-    with pytest.raises(StimulationError, match='expected no stop meanwhile'):
-        driver.controller.arm()
-    assert driver.controller.fault_counts() == {'stuck': 1}
-    assert_safe(driver)

@@ -9,16 +9,10 @@ from hypothesis import given, strategies as st
 from rpms_ros.errors import StimulationError
 from rpms_ros.guard import rapid2
 from rpms_ros.guard.rapid2 import framed
-from rpms_ros.stimulation.devices import (
-    SimulatedDevice,
-    TooLate,
-    registry,
-)
+from rpms_ros.stimulation.devices import SimulatedDevice, TooLate, registry
 from rpms_ros.stimulation.devices.registry import DeviceOptions, quantized_down
 from rpms_ros.stimulation.devices.serial_line import SerialDevice
-from rpms_ros.stimulation.limits.device_specification import (
-    load_device_specification,
-)
+from rpms_ros.stimulation.limits.device_specification import load_device_specification
 
 MODULE = """
 from rpms_ros.stimulation.devices import SimulatedDevice
@@ -207,24 +201,6 @@ def test_any_bytes_are_an_answer_or_an_error(raw):
             rapid2.parsed(b'EH', raw, len(raw))
 
 
-@pytest.mark.parametrize(
-    'frame',
-    [
-        b'',
-        b'E',
-        b'EH',
-        b'EH\x00',
-        framed(b'b@'),
-        framed(b'R@'),
-        framed(b'[010'),
-        framed(b'@101'),
-        framed(b'@9'),
-    ],
-)
-def test_frames_that_no_driver_has_use_for(frame):
-    assert rapid2.command_of(frame) is None
-
-
 def test_every_percent_is_a_command_and_nothing_else_is():
     for percent in range(101):
         assert rapid2.percent_of(rapid2.power(percent)) == percent
@@ -233,15 +209,6 @@ def test_every_percent_is_a_command_and_nothing_else_is():
         assert rapid2.percent_of(none) is None
     with pytest.raises(ValueError, match=r'expected an intensity in 0\.\.100 percent, got 101'):
         rapid2.power(101)
-
-
-@pytest.mark.parametrize(
-    ('text', 'major', 'length'),
-    [(b'5.0.0', 5, 21), (b'7.1', 7, 22), (b' 9.0.1', 9, 24), (b'11.0.0', 11, 24)],
-)
-def test_version_says_how_long_the_parameters_are(text, major, length):
-    assert rapid2.version_of(framed(b'N' + text + b'\0')) == major
-    assert rapid2.parameters_length(major) == length
 
 
 @pytest.mark.parametrize('answer', [b'', b'N', framed(b'Nabc\0'), framed(b'N\0'), b'N7.1\0\0'])

@@ -17,9 +17,7 @@ from rpms_ros.stimulation import (
     paper_sinusoid,
 )
 from rpms_ros.stimulation.limits.coil_temperature import CoilTemperature, CoilThermal
-from rpms_ros.stimulation.limits.device_specification import (
-    load_device_specification,
-)
+from rpms_ros.stimulation.limits.device_specification import load_device_specification
 from rpms_ros.stimulation.limits.forecast import Trial, forecast, forecast_plan
 from rpms_ros.stimulation.limits.limits import Limits, PulseLimiter
 
@@ -51,13 +49,6 @@ def test_the_paper_exceeds_the_device():
     assert sinusoid.waits_s == pytest.approx((170_100 / 1050 - 90,), rel=1e-9)
 
 
-def test_both_run_on_the_simulated_device():
-    simulated = load_device_specification('simulated')
-    assert forecast(paper_random(), simulated).deliverable
-    assert forecast(paper_sinusoid(), simulated).deliverable
-    assert forecast(paper_random(), simulated).highest_temperature is None
-
-
 @pytest.mark.parametrize(
     ('schedule', 'limit'),
     [
@@ -66,10 +57,7 @@ def test_both_run_on_the_simulated_device():
         (constant(0.7, 27.0, 20.0), 'continuous_power_w'),
         (constant(0.1, 101.0, 20.0), 'maximum_train_pulses'),
         (Schedule((Pause(61.0), Single())), 'idle_disarm_s'),
-        (
-            Schedule((Constant(20.0, 20.0, intensity=0.7), Pause(5.0), Single())),
-            'wait',
-        ),
+        (Schedule((Constant(20.0, 20.0, intensity=0.7), Pause(5.0), Single())), 'wait'),
         (Schedule((Single(),), width_s=1e-3), 'maximum_width_s'),
         (constant(0.45, 90.0, 20.0), 'deliverable'),
     ],

@@ -8,9 +8,7 @@ import math
 import pytest
 
 from rpms_ros.errors import StimulationError
-from rpms_ros.stimulation.limits.device_specification import (
-    load_device_specification,
-)
+from rpms_ros.stimulation.limits.device_specification import load_device_specification
 from rpms_ros.stimulation.limits.limits import BookedPulse, Limits, PulseLimiter
 
 RAPID = dataclasses.replace(

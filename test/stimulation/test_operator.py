@@ -19,29 +19,29 @@ said = st.tuples(st.sampled_from([A, B, b'c']), st.integers(0, 20), st.booleans(
 class Operator:
     """Beats for an authority, with a clock of its own that is off by a day."""
 
-    def __init__(self, authority: Authority, name: str = 'ada', source: bytes = b'a') -> None:
+    def __init__(self, authority, name='ada', source=b'a'):
         self.authority, self.name, self.source = authority, name, source
         self.token, self.offset_ns = '', DAY
 
-    def request(self, now_ns: int = 0) -> 'Operator':
+    def request(self, now_ns=0):
         self.token = self.authority.request(self.name, now_ns)
         return self
 
-    def beat(self, now_ns: int, enable: bool = True, sent_ns: int | None = None) -> str | None:
+    def beat(self, now_ns, enable=True, sent_ns=None):
         stamp_ns = (now_ns if sent_ns is None else sent_ns) + self.offset_ns
         beat = Beat(self.token, stamp_ns, enable, self.source)
         return self.authority.beat(beat, now_ns)
 
-    def confirm(self, now_ns: int) -> None:
+    def confirm(self, now_ns):
         self.authority.confirm(self.name, self.token, now_ns)
 
 
 @pytest.fixture
-def authority() -> Authority:
+def authority():
     return Authority(0.5, valid_s=10.0)
 
 
-def test_two_steps_arm(authority: Authority) -> None:
+def test_two_steps_arm(authority):
     ada = Operator(authority).request()
     assert authority.operator == 'ada'
     with pytest.raises(Refused, match='expected a heartbeat of ada, got none yet'):
@@ -58,7 +58,7 @@ def test_two_steps_arm(authority: Authority) -> None:
     authority.require('ada', ada.token)
 
 
-def test_nobody_else_arms_or_starts(authority: Authority) -> None:
+def test_nobody_else_arms_or_starts(authority):
     ada = Operator(authority).request()
     eve = Operator(authority, 'eve', b'e')
     with pytest.raises(Refused, match='expected no other operator, got ada'):
@@ -78,7 +78,7 @@ def test_nobody_else_arms_or_starts(authority: Authority) -> None:
     assert eve.request(21 * SECOND).token
 
 
-def test_a_request_that_nobody_confirms_runs_out(authority: Authority) -> None:
+def test_a_request_that_nobody_confirms_runs_out(authority):
     ada = Operator(authority).request()
     late = 10 * SECOND + 1
     ada.beat(late)
@@ -90,12 +90,12 @@ def test_a_request_that_nobody_confirms_runs_out(authority: Authority) -> None:
 
 
 @pytest.mark.parametrize('name', ['', '  ', 'x' * 65, 'a\nb', '\x00', 'ada\0', 'ada\n', '\x1fada'])
-def test_a_name_is_a_name(authority: Authority, name: str) -> None:
+def test_a_name_is_a_name(authority, name):
     with pytest.raises(Refused, match='expected a name of 1 to 64 printable characters, got'):
         authority.request(name, 0)
 
 
-def test_heartbeat_and_enable_keep_it_armed(authority: Authority) -> None:
+def test_heartbeat_and_enable_keep_it_armed(authority):
     ada = Operator(authority).request()
     ada.beat(0)
     ada.confirm(0)
@@ -115,7 +115,7 @@ def test_heartbeat_and_enable_keep_it_armed(authority: Authority) -> None:
     assert authority.problem(SECOND + 2) is None
 
 
-def test_a_stranger_does_not_keep_it_armed(authority: Authority) -> None:
+def test_a_stranger_does_not_keep_it_armed(authority):
     ada = Operator(authority).request()
     ada.beat(0)
     ada.confirm(0)
@@ -127,7 +127,7 @@ def test_a_stranger_does_not_keep_it_armed(authority: Authority) -> None:
     assert authority.problem(SECOND) is not None
 
 
-def test_a_heartbeat_that_repeats_or_lags_does_not_count(authority: Authority) -> None:
+def test_a_heartbeat_that_repeats_or_lags_does_not_count(authority):
     ada = Operator(authority).request()
     ada.beat(0)
     assert ada.beat(SECOND, sent_ns=0) == (
@@ -139,7 +139,7 @@ def test_a_heartbeat_that_repeats_or_lags_does_not_count(authority: Authority) -
     assert ada.beat(2 * SECOND) is None
 
 
-def test_a_clock_that_was_set_back_locks_nobody_out(authority: Authority) -> None:
+def test_a_clock_that_was_set_back_locks_nobody_out(authority):
     ada = Operator(authority).request()
     ada.beat(0)
     ada.offset_ns = 0
@@ -150,7 +150,7 @@ def test_a_clock_that_was_set_back_locks_nobody_out(authority: Authority) -> Non
     ada.confirm(SECOND + 1)
 
 
-def test_a_press_counts_that_is_released_before_anybody_looks() -> None:
+def test_a_press_counts_that_is_released_before_anybody_looks():
     buttons = StopButtons(0.3)
     buttons.present({A: '/hand'})
     buttons.heard(A, 1, False, 0)
@@ -166,7 +166,7 @@ def test_a_press_counts_that_is_released_before_anybody_looks() -> None:
         assert bool(buttons.taken_press()) == (sequence == 4)
 
 
-def test_a_press_counts_once_in_whatever_order_its_copies_come() -> None:
+def test_a_press_counts_once_in_whatever_order_its_copies_come():
     buttons = StopButtons(0.3)
     # a button that is new: its first words come by both ways, the kept ones first
     for kept in (True, False):
@@ -181,7 +181,7 @@ def test_a_press_counts_once_in_whatever_order_its_copies_come() -> None:
     assert buttons.taken_press() == ''
 
 
-def test_each_press_counts_where_the_middleware_does_not_count_messages() -> None:
+def test_each_press_counts_where_the_middleware_does_not_count_messages():
     buttons = StopButtons(0.3)
     for _ in range(3):
         # the copies that are kept for those who come late are read first
@@ -195,7 +195,7 @@ def test_each_press_counts_where_the_middleware_does_not_count_messages() -> Non
         assert bool(buttons.taken_press()) == first
 
 
-def test_a_press_that_was_over_before_anybody_listened_is_none() -> None:
+def test_a_press_that_was_over_before_anybody_listened_is_none():
     buttons = StopButtons(0.3)
     buttons.heard(A, 1, True, 0, kept=True)
     buttons.heard(A, 2, False, 0, kept=True)
@@ -204,7 +204,7 @@ def test_a_press_that_was_over_before_anybody_listened_is_none() -> None:
     assert buttons.problem(0) is None
 
 
-def test_a_state_that_was_kept_is_no_sign_of_life() -> None:
+def test_a_state_that_was_kept_is_no_sign_of_life():
     buttons = StopButtons(0.3)
     buttons.heard(A, 1, False, 0, kept=True)
     assert buttons.problem(0) == 'expected stop button 61 to say its state, got nothing yet'
@@ -214,7 +214,7 @@ def test_a_state_that_was_kept_is_no_sign_of_life() -> None:
     assert buttons.problem(0) is None
 
 
-def test_messages_that_may_be_lost_stand_against_pulses_until_reset() -> None:
+def test_messages_that_may_be_lost_stand_against_pulses_until_reset():
     buttons = StopButtons(0.3)
     buttons.heard(A, 1, False, 0)
     buttons.overrun('too many')
@@ -224,7 +224,7 @@ def test_messages_that_may_be_lost_stand_against_pulses_until_reset() -> None:
     assert buttons.problem(0) is None
 
 
-def test_a_reset_lets_go_of_a_button_that_is_gone_but_not_of_a_pressed_one() -> None:
+def test_a_reset_lets_go_of_a_button_that_is_gone_but_not_of_a_pressed_one():
     buttons = StopButtons(0.3)
     buttons.heard(A, 1, False, 0)
     buttons.heard(B, 1, False, LATER_NS)
@@ -239,7 +239,7 @@ def test_a_reset_lets_go_of_a_button_that_is_gone_but_not_of_a_pressed_one() -> 
     assert buttons.problem(LATER_NS) is not None
 
 
-def test_a_button_that_came_as_another_one_went_has_to_speak_after_a_reset() -> None:
+def test_a_button_that_came_as_another_one_went_has_to_speak_after_a_reset():
     buttons = StopButtons(0.3)
     buttons.heard(A, 1, False, 0)
     buttons.heard(B, 1, False, LATER_NS)
@@ -255,7 +255,7 @@ def test_a_button_that_came_as_another_one_went_has_to_speak_after_a_reset() -> 
     ]
 
 
-def test_a_button_that_must_be_present_is_not_forgotten() -> None:
+def test_a_button_that_must_be_present_is_not_forgotten():
     buttons = StopButtons(0.3, names=('foot',))
     absent = 'expected stop button foot on the graph, speaking and released, got none'
     buttons.heard(B, 1, False, 0)
@@ -290,9 +290,7 @@ def test_a_button_that_must_be_present_is_not_forgotten() -> None:
         ('left', '/left/foot', False),
     ],
 )
-def test_a_button_that_must_be_present_is_known_by_its_node(
-    name: str, node: str, found: bool
-) -> None:
+def test_a_button_that_must_be_present_is_known_by_its_node(name, node, found):
     buttons = StopButtons(0.3, required=False, names=(name,))
     buttons.heard(A, 1, False, 0)
     buttons.present({A: node})
@@ -300,9 +298,7 @@ def test_a_button_that_must_be_present_is_known_by_its_node(
 
 
 @given(st.lists(said, max_size=40))
-def test_the_newest_of_each_counts_in_whatever_order_they_come(
-    messages: list[tuple[bytes, int, bool, bool]],
-) -> None:
+def test_the_newest_of_each_counts_in_whatever_order_they_come(messages):
     # what a publisher says under one number is one thing
     messages = [(who, count, (count + who[0]) % 3 == 0, kept) for who, count, _, kept in messages]
     buttons = StopButtons(0.3, required=False)

@@ -32,9 +32,7 @@ from rpms_ros.stimulation import (
     schedule_from_text,
     schedule_to_text,
 )
-from rpms_ros.stimulation.limits.device_specification import (
-    load_device_specification,
-)
+from rpms_ros.stimulation.limits.device_specification import load_device_specification
 from rpms_ros.stimulation.limits.patient import load_patient
 from rpms_ros.stimulation.schedule.protocols import (
     FIELD_LEVELS,

@@ -19,11 +19,7 @@ import serial
 from rpms_ros.guard import packets, rapid2
 from rpms_ros.guard.packets import Packet
 from rpms_ros.pulses import MAGNETIC_PULSE_WIDTH
-from rpms_ros.stimulation.devices import (
-    DeviceError,
-    DeviceStatus,
-    TooLate,
-)
+from rpms_ros.stimulation.devices import DeviceError, DeviceStatus, TooLate
 from rpms_ros.stimulation.devices.serial_line import SerialDevice, open_port
 
 # Linux; Python has no name for it
@@ -270,15 +266,6 @@ def test_silence_sets_zero_first_and_waits_for_nobody(fake, device, wait_for, ar
     assert device.fire(0.5, MAGNETIC_PULSE_WIDTH) is None
     assert device.prepare(0.5) is None
     assert fake.fired() == []
-
-
-def test_rearming_after_a_silence_starts_from_zero(fake, device, armed):
-    armed(device, 0.9).fire(0.9, MAGNETIC_PULSE_WIDTH)
-    device.silence()
-    device.arm()
-    assert fake.percent == 0
-    assert armed(device, 0.1).fire(0.1, MAGNETIC_PULSE_WIDTH).intensity == 0.1
-    assert fake.fired() == [90, 10]
 
 
 def test_after_a_silence_the_status_is_asked_for_and_the_disarming_made_sure(fake, device, armed):
