@@ -10,7 +10,10 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+import rclpy
+from rclpy.context import Context
 
+from rpms_ros.errors import NodeError
 from rpms_ros.nodes import executables
 from rpms_ros.nodes.common.parameters import without_effect
 
@@ -209,3 +212,25 @@ def test_a_node_without_ros_says_so_in_a_line():
     )
     assert (done.returncode, done.stdout, done.stderr.count('\n')) == (2, '', 1)
     assert done.stderr.endswith(f'{name} needs ROS 2 Jazzy and rpms_msgs\n')
+
+
+def test_a_domain_in_which_somebody_is_is_not_chosen(domain, context, monkeypatch):
+    from rpms_ros.nodes.common import runner
+
+    monkeypatch.setattr(runner, '_DOMAINS', range(domain, domain + 1))
+    # this test holds it
+    with pytest.raises(NodeError, match='expected a free DDS domain'), runner.free_domain():
+        pass
+    nodes = [Node('here', context=context, use_global_arguments=False)]
+    second = Context()
+    rclpy.init(args=[], context=second, domain_id=domain)
+    nodes.append(Node('there', context=second, use_global_arguments=False))
+    # whoever is first, or second where the first has gone
+    for node in nodes:
+        monkeypatch.setattr(runner, '_MARK', 6)
+        with pytest.raises(NodeError, match='expected a free DDS domain'), runner.free_domain():
+            pass
+        node.destroy_node()
+        node.context.try_shutdown()
+    with runner.free_domain() as free:
+        assert free == domain

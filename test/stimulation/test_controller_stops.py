@@ -274,7 +274,8 @@ def test_a_stop_by_the_modelled_temperature_can_be_reset_when_the_coil_has_coole
     with pytest.raises(Refused, match='reset: expected the cause temperature gone'):
         driver.controller.reset()
     driver.advance(60.0)
-    assert driver.controller.interlocks.latched
+    with pytest.raises(Refused, match='expected the latched stop to be reset, got: temperature'):
+        driver.controller.arm()
     driver.controller.reset()
     driver.controller.arm()
 
@@ -364,3 +365,18 @@ def test_a_joystick_button_counts_while_the_joystick_speaks():
     button.heard([1, 0], 1)
     assert button.down(1) is False
     assert not JoystickButton(-1, 0.5).used
+
+
+def test_short_silence_holds_pulses_back_before_it_is_a_problem():
+    interlocks = Interlocks()
+    interlocks.require('ears', 0.5, hold_s=0.04)
+    assert interlocks.held_by(0) is None
+    assert interlocks.problem(0) == ('ears', 'ears: expected a sign of life, got none yet')
+    interlocks.seen('ears', 0)
+    assert interlocks.held_by(SECOND // 25) is None
+    assert interlocks.held_by(SECOND // 25 + 1) == 'ears'
+    assert interlocks.problem(SECOND // 2) is None
+    assert interlocks.problem(SECOND // 2 + 1) is not None
+    # who was armed a moment ago has waited for the device meanwhile
+    assert interlocks.problem(SECOND, since_ns=SECOND // 2) is None
+    assert interlocks.problem(SECOND + 1, since_ns=SECOND // 2) is not None
