@@ -12,6 +12,7 @@ from types import SimpleNamespace
 import pytest
 import rclpy
 from rclpy.context import Context
+from rclpy.node import Node
 
 from rpms_ros.errors import NodeError
 from rpms_ros.nodes import executables
