@@ -6,10 +6,12 @@ import zipfile
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from scipy.io import savemat
 
 from rpms_ros.errors import RecordingError
+from rpms_ros.recording.export import MARK
 from rpms_ros.recording.importing import ImportOptions, import_file
 from rpms_ros.recording.importing.whole_file import read_signals
 
@@ -132,6 +134,24 @@ def test_a_workbook_with_a_damaged_part_is_refused(
     repacked(path, {part: content})
     with pytest.raises(RecordingError, match=r'session\.xlsx'):
         read_signals(path)
+
+
+def test_small_files_that_unpack_into_much_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With a limit that a test can reach."""
+    zeros = np.zeros(500_000)
+    savemat(tmp_path / 'a.mat', {'force': zeros}, do_compression=True)
+    savemat(tmp_path / 'b.mat', {MARK: {}, 'force': zeros}, do_compression=True)
+    with h5py.File(tmp_path / 'c.mat', 'w', userblock_size=512) as file:
+        file.create_dataset('force', data=zeros, compression='gzip')
+    repacked(workbook(tmp_path / 'd.xlsx'), {'xl/worksheets/sheet1.xml': bytes(2_000_000)})
+    monkeypatch.setattr('rpms_ros.recording.importing.whole_file._LARGEST', 1_000_000)
+    for name in ('a.mat', 'b.mat', 'c.mat', 'd.xlsx'):
+        with pytest.raises(
+            RecordingError, match=r'expected a file that unpacks into 0.001.* GB at most'
+        ):
+            import_file(tmp_path / name, ImportOptions())
 
 
 @pytest.mark.parametrize('streams', ['', 'empty'])

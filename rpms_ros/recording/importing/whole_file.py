@@ -2,10 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """One file of a laboratory as pulses and force: read, guessed, converted."""
 
+import struct
+import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 
@@ -41,6 +44,7 @@ from rpms_ros.recording.importing.signals import (
     ImportOptions,
     Signal,
     SignalFile,
+    needed,
 )
 from rpms_ros.recording.importing.text import read_text
 from rpms_ros.recording.rosbag.scan import READERS
@@ -104,6 +108,8 @@ def import_file(path: Path, options: ImportOptions) -> Imported:
                 f'expected no options for an export, in which everything is stated, got '
                 f'{", ".join(names)} with {path}'
             )
+        if path.is_file():
+            _refuse_bomb(path)
         pulses, forces, unit = read_export(path)
         facts = (('file', 'export of rpms'),)
         return Imported(pulses, forces, facts, guessed=False, quantity=QUANTITIES[unit])
@@ -333,6 +339,63 @@ def begins_amid(pulses: PulseTrain, forces: ForceTrace) -> bool:
 
 
 _ZIP, _XDF, _HDF5, _MATLAB = b'PK\x03\x04', b'XDF:', b'\x89HDF', b'MATLAB'
+# Elements of a MATLAB file of version 5: plain and packed.
+_MATRIX, _PACKED = 14, 15
+
+
+# A small file may unpack into so much, a large one into so many times its size [bytes].
+_LARGEST, _PER_BYTE = 1_000_000_000, 4
+# A cell of a workbook takes so many times its text.
+_PER_CELL = 4
+
+
+def _refuse_bomb(path: Path) -> None:
+    """Refuse a file whose parts, by the sizes that they state, unpack into too much memory."""
+    most = _LARGEST + _PER_BYTE * path.stat().st_size
+    left = most
+    try:
+        for size in _stated_sizes(path):
+            left -= size
+            if left < 0:
+                raise RecordingError(
+                    f'expected a file that unpacks into {most / 1e9:.3g} GB at most, got more in '
+                    f'{path}'
+                )
+    # what is damaged is told by the reader of its kind
+    except (BadZipFile, KeyError, OSError, RuntimeError, ValueError, struct.error, zlib.error):
+        return
+
+
+def _stated_sizes(path: Path) -> Iterator[int]:
+    """Yield the sizes [bytes] of the parts of a packed file, without unpacking them."""
+    with path.open('rb') as file:
+        head = file.read(1024)
+        if head.startswith(_ZIP):
+            with ZipFile(file) as archive:
+                yield from (_PER_CELL * part.file_size for part in archive.infolist())
+        elif _HDF5 in head:
+            h5py = needed('h5py', f'a MATLAB file of version 7.3 ({path})')
+            sets: list[int] = []
+
+            def visit(_: str, item: object) -> None:
+                if isinstance(item, h5py.Dataset):
+                    sets.append((item.size or 0) * item.dtype.itemsize)
+
+            with h5py.File(path, 'r') as content:
+                content.visititems(visit)
+            yield from sets
+        elif head.startswith(_MATLAB) or path.suffix.lower() == '.mat':
+            order = '<' if head[126:128] == b'IM' else '>'
+            file.seek(128)
+            while len(tag := file.read(8)) == 8:
+                kind, size = struct.unpack(f'{order}2I', tag)
+                if kind not in (_MATRIX, _PACKED):
+                    return
+                place = file.tell()
+                if kind == _PACKED:
+                    begin = zlib.decompressobj().decompress(file.read(min(size, 4096)), 8)
+                    yield struct.unpack(f'{order}2I', begin)[1]
+                file.seek(place + size)
 
 
 def read_signals(path: Path, block: int | None = None, sheet: str | None = None) -> SignalFile:
@@ -362,6 +425,7 @@ def read_signals(path: Path, block: int | None = None, sheet: str | None = None)
             head = file.read(1024)
     except OSError as error:
         raise RecordingError(f'expected a file at {path}, got {error}') from error
+    _refuse_bomb(path)
     known: Callable[[Path], SignalFile] | None = None
     if head.startswith(_ZIP):
         known = partial(read_excel, sheet=sheet)
