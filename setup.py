@@ -80,7 +80,6 @@ setup(
             'ros-std-msgs==5.3.6',
             'ros-std-srvs==5.3.6',
         ],
-        'study': ['pyarrow'],
         'formats': ['h5py', 'openpyxl', 'pyxdf'],
         'test': ['hypothesis', 'jsonschema', 'pytest', 'pytest-timeout'],
     },

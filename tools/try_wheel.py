@@ -3,7 +3,7 @@
 """Use an installed wheel as a stranger would: `python tools/try_wheel.py bare|extras`.
 
 `bare` is without any extra, where what an extra brings is refused in one line; `extras` is with
-report, study and notebooks.
+report and notebooks.
 """
 
 import importlib.util
@@ -71,8 +71,8 @@ def extras() -> None:
     if '<script' not in Path('report.html').read_text(encoding='utf-8'):
         sys.exit('expected a page with its script, got one without')
     rpms('study', 'session', '--estimator', 'batch', '--out', 'study', '--jobs', '1')
-    if not Path('study', 'results.parquet').exists():
-        sys.exit('expected study/results.parquet, got none')
+    if not Path('study', 'results.csv').exists():
+        sys.exit('expected study/results.csv, got none')
     result = rpms_ros.load('session').identify()
     if len(result.to_pandas('curve')) != 101:
         sys.exit('expected the curve as a table and as a data set, got neither')

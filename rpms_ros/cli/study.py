@@ -21,16 +21,14 @@ from rpms_ros.cli.options import (
 from rpms_ros.printable import counted
 
 _DESCRIPTION = """\
-Identifies many recordings and writes one table, results.csv and results.parquet, with a row for
-each: what was found, or why it failed.  A study that was interrupted goes on where it stopped;
-what failed is tried again.  The table does not depend on the number of processes.
-A page, index.html, has verdicts, spread between recordings and all numbers; with --one-person
-threshold, force and T_a over the dates of the sessions, and what changed since the last.
+Identifies many recordings and writes one table, results.csv and results.json, with a row for
+each: what was found and the verdict, or why it failed.  A study that was interrupted goes on
+where it stopped; what failed is tried again.  The table does not depend on the number of
+processes.
 """
 _EXAMPLES = """\
   rpms study sessions/* --out study
   rpms study sessions --out study --jobs 8          every recording below the folder
-  rpms study ada/* --out weeks --one-person         sessions of one person by their dates
 exit codes: 0 all well, 1 a recording failed, had faults or has a verdict that is not good,
 2 not possible
 """
@@ -38,15 +36,11 @@ exit codes: 0 all well, 1 a recording failed, had faults or has a verdict that i
 
 def add_study(subparsers: Subparsers) -> None:
     """Add `rpms study`."""
-    text = 'many recordings, one table and one page'
+    text = 'many recordings, one table'
     parser = add_command(subparsers, 'study', run, text, _DESCRIPTION, _EXAMPLES)
     text = 'recordings, or folders of recordings'
     parser.add_argument('bags', type=Path, nargs='+', metavar='BAG', help=text)
     parser.add_argument('--out', type=Path, required=True, metavar='DIR', help='of the table')
-    text = 'the recordings are sessions of one person: order them by their dates'
-    parser.add_argument('--one-person', action='store_true', help=text)
-    text = 'write the page of `rpms report` for each recording too, and link to it'
-    parser.add_argument('--reports', action='store_true', help=text)
     text = 'processes (default: one a processor)'
     add_option(parser, '--jobs N', None, text, type=int)
     add_reading_options(parser)
@@ -57,20 +51,18 @@ def add_study(subparsers: Subparsers) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Identify what has not been identified yet, and write the table."""
     from rpms_ros.errors import RecordingError
-    from rpms_ros.identification.quality.verdict import DOUBTFUL, GRADES
+    from rpms_ros.identification.quality.verdict import GRADES
     from rpms_ros.report.study import StudyOptions, StudyTable, finished, found_recordings
 
     names = [field.name for field in fields(StudyOptions) if hasattr(arguments, field.name)]
-    reports = str(arguments.out / 'reports') if arguments.reports else None
-    given = {name: getattr(arguments, name) for name in names}
-    options = StudyOptions(**{**given, 'reports': reports})
+    options = StudyOptions(**{name: getattr(arguments, name) for name in names})
     # options that no recording can be identified with are told once, not with each of them
     options.build()
     recordings = found_recordings(arguments.bags, arguments.out)
     if not recordings:
         places = ', '.join(map(str, arguments.bags))
         raise RecordingError(f'expected recordings or folders of recordings, got none in {places}')
-    table = StudyTable(arguments.out, recordings, options, arguments.one_person)
+    table = StudyTable(arguments.out, recordings, options)
     waiting = table.waiting()
     if waiting:
         compile_estimator(options.build, arguments.quiet)
@@ -83,14 +75,10 @@ def run(arguments: argparse.Namespace) -> int:
             table.write()
     rows = table.rows()
     failed = [row for row in rows if row['status'] != 'ok']
-    warn(('warning', remark) for remark in table.remarks)
+    warn(('warning', remark) for remark in table.remarks())
     warn((row['recording'], row['reason']) for row in failed)
     doubted = [row for row in rows if row['verdict'] not in (None, 'good')]
     warn((row['recording'], f'{row["verdict"]}: {row["reasons"]}') for row in doubted)
-    averaged = [row['recording'] for row in doubted if row['verdict'] == DOUBTFUL]
-    if averaged and not arguments.one_person:
-        count = counted(len(averaged), 'doubtful recording')
-        warn([('warning', f'the means in index.html include {count}: {", ".join(averaged)}')])
     done = len(rows) - len(waiting)
     counts = Counter(row['verdict'] for row in rows)
     grades = ', '.join(f'{counts[grade]} {grade}' for grade in GRADES if counts[grade])

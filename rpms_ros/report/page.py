@@ -1,8 +1,8 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""HTML pages with style, script, figures and data inside: of a session, and of a study.
+"""The HTML page of a session, with style, script, figures and data inside.
 
-They are made of the templates of this package, by the extra rpms_ros[report].
+It is made of the templates of this package, by the extra rpms_ros[report].
 
 A page has to stay small enough to be sent: an hour at 1 kHz is 3.6 million samples.  Where all of
 them do not fit, an envelope of the force shows every extreme, and three windows show every sample.
@@ -10,9 +10,7 @@ them do not fit, an envelope of the force shows every extreme, and three windows
 
 import base64
 import json
-from collections.abc import Mapping
 from datetime import UTC, datetime
-from os.path import relpath
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -27,7 +25,6 @@ from rpms_ros.printable import counted
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray
 from rpms_ros.report.dose import TRAIN_GAP
 from rpms_ros.report.figures import OF_THE_ESTIMATOR, as_svg, names_of
-from rpms_ros.report.group import group_figure
 from rpms_ros.report.session import SHARES_SHOWN, SessionReport
 from rpms_ros.report.text import RATE_WORDS, label, recruitment_shown, shown, with_interval
 from rpms_ros.schema import plain
@@ -139,41 +136,6 @@ _KEPT = " !$&'()*+,/:;=?@\n"
 _TEMPLATES = Path(__file__).parent / 'templates'
 
 
-def _rendered(name: str, content: Mapping[str, Any], **more: Any) -> str:
-    """Return a page made of a template, of jinja2, which escapes every text.
-
-    Parameters
-    ----------
-    name : str
-        File of the template.
-    content : mapping
-        What it shows, by the names that it calls it.
-    **more
-        Further values, by their names.
-    """
-    # figures are drawn without it
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-    from markupsafe import Markup
-
-    environment = Environment(
-        loader=FileSystemLoader(_TEMPLATES),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.policies['json.dumps_kwargs'] = {'allow_nan': False}
-    for one in (number, percent, with_interval, label, shown, recruitment_shown, stated, counted):
-        environment.filters[one.__name__] = one
-    return environment.get_template(name).render(
-        content,
-        unknown=UNKNOWN,
-        # styles and scripts of the package are not escaped
-        file=lambda path: Markup((_TEMPLATES / path).read_text(encoding='utf-8')),
-        **more,
-    )
-
-
 def image_url(svg: bytes) -> str:
     """Return a figure as a URL that holds it."""
     return f'data:image/svg+xml,{quote(svg, safe=_KEPT)}'
@@ -182,7 +144,6 @@ def image_url(svg: bytes) -> str:
 UNKNOWN = 'not known'
 # The year 2000: stamps before are those of a clock that began with the machine or the trial.
 _EARLIEST_S = 946_684_800
-_HERE = Path(__file__).parent
 CAPTIONS = {
     'recruitment': 'Steady force over intensity with its band; the bars below show which '
     'intensities were used.',
@@ -212,14 +173,30 @@ SECTIONS = {
 
 
 def as_page(report: SessionReport) -> str:
-    """Return the page of a session, with its JSON inside."""
+    """Return the page of a session, with its JSON inside; jinja2 escapes every text."""
+    # figures are drawn without it
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+    from markupsafe import Markup
+
+    environment = Environment(
+        loader=FileSystemLoader(_TEMPLATES),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.policies['json.dumps_kwargs'] = {'allow_nan': False}
+    for one in (number, percent, with_interval, label, shown, recruitment_shown, counted):
+        environment.filters[one.__name__] = one
     document = plain(report)
     figures, session, curve = names_of(report), report.identified, report.result.curve
     hidden = {name for name in OF_THE_ESTIMATOR if name not in figures}
-    return _rendered(
-        'session.html',
+    return environment.get_template('session.html').render(
         document,
         document=document,
+        unknown=UNKNOWN,
+        # styles and scripts of the package are not escaped
+        file=lambda path: Markup((_TEMPLATES / path).read_text(encoding='utf-8')),
         sections={key: text for key, text in SECTIONS.items() if key not in hidden},
         dynamics=report.trains is not None,
         forces={share: plain(curve.at(share)) for share in SHARES_SHOWN} if curve else {},
@@ -232,35 +209,6 @@ def as_page(report: SessionReport) -> str:
         force_range=float(np.ptp(session.force[session.usable])),
         image=lambda name: image_url(as_svg(name, report)),
     )
-
-
-def as_group_page(document: Mapping[str, Any], folder: Path) -> str:
-    """Return the page of a study.
-
-    Parameters
-    ----------
-    document : mapping
-        As `group_document` makes it.
-    folder : Path
-        Where the page goes: links are relative to it.
-    """
-    # all numbers stand in the details and in results.csv already
-    short = [
-        {name: value for name, value in one.items() if name != 'all'}
-        for one in document['recordings']
-    ]
-    return _rendered(
-        'group.html',
-        document,
-        compact={**document, 'recordings': short},
-        image=image_url(group_figure(document)),
-        link=lambda path: link(path, folder),
-    )
-
-
-def link(path: str, folder: Path) -> str:
-    """Return a link from the page in a folder to a path; never another scheme."""
-    return f'./{quote(relpath(Path(path).resolve(), folder.resolve()))}'
 
 
 def _start(stamp_ns: int) -> str:
@@ -283,18 +231,6 @@ def number(value: float | None, unit: str = '', scale: float = 1.0) -> str:
 def percent(share: float | None) -> str:
     """Return a share as per cent; `UNKNOWN` for None."""
     return UNKNOWN if share is None else f'{100 * share:.3g} %'
-
-
-def stated(found: Mapping[str, float | None] | None, sign: bool = False) -> str:
-    """Return a number with its interval as text."""
-    if found is None:
-        return UNKNOWN
-    if not sign:
-        return with_interval(found)
-    text = format(found['value'], '+.3g')
-    if found['lower'] is None or found['upper'] is None:
-        return text
-    return f'{text} ({found["lower"]:+.3g} to {found["upper"]:+.3g})'
 
 
 def embedded(page: str, name: str) -> Any:

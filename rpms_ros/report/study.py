@@ -1,15 +1,11 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A study: many recordings identified by several processes, one table, one page.
-
-Rows are kept one by one while it runs, then written as CSV and Parquet.
-"""
+"""A study: many recordings identified by several processes, one table as CSV and JSON."""
 
 import csv
 import hashlib
 import json
 import os
-import re
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import (
     Executor,
@@ -19,21 +15,18 @@ from concurrent.futures import (
     as_completed,
 )
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import asdict, dataclass, field
-from importlib import import_module
+from dataclasses import asdict, dataclass
 from io import StringIO
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-from rpms_ros.errors import RecordingError, ReportError, RpmsError
-from rpms_ros.identification import IdentifiedSession
+from rpms_ros.errors import RecordingError, RpmsError
 from rpms_ros.identification.model.physiology import PHYSIOLOGY_NAMES
 from rpms_ros.identification.quality.verdict import VerdictSettings
 from rpms_ros.printable import spreadsheet_text
-from rpms_ros.recording import Recording, Topics, read_recording
+from rpms_ros.recording import Topics, read_recording
 from rpms_ros.recording.rosbag.scan import READERS
-from rpms_ros.report.recorded import recorded_messages
 from rpms_ros.report.result import (
     IdentificationOptions,
     IdentificationResult,
@@ -75,8 +68,6 @@ class StudyOptions(IdentificationOptions):
         What reading may take [bytes]; None for the default.
     expected_force : float
         Largest force that the muscles can have [N], for the verdict.
-    reports : str or None
-        Folder for a report page of each recording; None for none.
     """
 
     pulses_topic: str = 'pulses'
@@ -86,7 +77,6 @@ class StudyOptions(IdentificationOptions):
     quantity: str = 'force'
     max_memory: int | None = None
     expected_force: float = 200.0
-    reports: str | None = None
 
 
 def columns() -> dict[str, type]:
@@ -100,7 +90,7 @@ def columns() -> dict[str, type]:
     stated = dict.fromkeys((*PHYSIOLOGY_NAMES, *_TRAIN_INTERVALS))
     numbers += [f'{name}{end}' for name in stated for end in _ENDS]
     texts = ['recording', 'status', 'reason', 'verdict', 'reasons', 'estimator']
-    texts += ['train_model', 'unit', 'session_hash', 'report']
+    texts += ['train_model', 'unit', 'session_hash']
     counts = ['samples', 'pulses', 'start_ns']
     kinds: dict[str, type] = dict.fromkeys(texts, str) | dict.fromkeys(counts, int)
     return kinds | dict.fromkeys(numbers, float) | {'faults': str, 'notes': str}
@@ -118,48 +108,15 @@ def work(path: str, options: StudyOptions) -> Row:
             memory=options.max_memory,
             quantity=options.quantity,
         )
-        session = identified(recording, options, most_estimates=None if options.reports else 1)
+        session = identified(recording, options, most_estimates=1)
         settings = VerdictSettings(expected_force=options.expected_force)
-        result = result_of(recording, session, settings)
-        row = row_of(result) | {'start_ns': int(recording.forces.stamp_ns.min())}
-        if options.reports:
-            row['report'] = str(_write_report(path, options, recording, session, result))
+        row = row_of(result_of(recording, session, settings))
     except RpmsError as error:
         return failure(str(error))
-    return row
+    return row | {'start_ns': int(recording.forces.stamp_ns.min())}
 
 
-def _write_report(
-    path: str,
-    options: StudyOptions,
-    recording: Recording,
-    session: IdentifiedSession,
-    result: IdentificationResult,
-) -> Path:
-    """Write the report page of a recording, as `rpms report` makes it; return its place."""
-    # the extra rpms_ros[report]
-    from rpms_ros.report.page import as_page
-    from rpms_ros.report.session import report_of
-
-    messages = recorded_messages(path, memory=options.max_memory)
-    title = Path(path).resolve().name
-    report = report_of(title, recording, messages, session, result, options.build)
-    place = Path(options.reports or '', f'{_file_name(path)}.html')
-    try:
-        place.parent.mkdir(parents=True, exist_ok=True)
-        replace_text(place, as_page(report))
-    except OSError as error:
-        raise ReportError(f'expected to write {place}, got {error}') from error
-    return place
-
-
-def _file_name(path: str) -> str:
-    """Return a name for the page of a recording: readable, and not that of another one."""
-    plain_name = re.sub(r'[^A-Za-z0-9_-]', '_', Path(path).name)[:60]
-    return f'{plain_name}-{hashlib.sha256(str(Path(path).resolve()).encode()).hexdigest()[:8]}'
-
-
-def replace_text(path: Path, text: str) -> None:
+def _replace_text(path: Path, text: str) -> None:
     """Write a file as a whole or not at all."""
     part = path.with_suffix('.part')
     part.write_text(text, encoding='utf-8', newline='')
@@ -241,10 +198,10 @@ def _outcome(future: 'Future[Row]') -> Row:
     return future.result()
 
 
-_VERSION = 2
+_VERSION = 3
 # By these a folder or a file is known as something that a command of this package has written.
-_RESULTS = {'index.html', 'result.json', 'report.json', 'results.csv', 'results.parquet', 'rows'}
-_RESULT_FILES = ('.html', '.png', '.svg', '.json', '.csv', '.parquet', '.yaml', '.md', '.txt')
+_RESULTS = {'index.html', 'result.json', 'report.json', 'results.csv', 'results.json'}
+_RESULT_FILES = ('.html', '.png', '.svg', '.json', '.csv', '.yaml', '.md', '.txt')
 
 
 def found_recordings(paths: Iterable[Path], out: Path | None = None) -> list[Path]:
@@ -284,43 +241,40 @@ def _is_recording(path: Path) -> bool:
     return any(name.endswith(tuple(READERS)) for name in names)
 
 
-@dataclass
 class StudyTable:
     """Rows of a study.
 
-    Attributes
+    Parameters
     ----------
     folder : Path
-        Where the table goes; rows that are done are kept below it.
+        Where the table goes; rows that are in it already are used again.
     recordings : sequence of Path
         In the order of the table.
     options : StudyOptions
         Rows of other options are not used again.
-    one_person : bool
-        Whether the recordings are sessions of one person.
-    remarks : list of str
-        What could not be written.
+
+    Raises
+    ------
+    RecordingError
+        If the folder cannot be written to.
     """
 
-    folder: Path
-    recordings: Sequence[Path]
-    options: StudyOptions
-    one_person: bool = False
-    remarks: list[str] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        self._rows: dict[Path, Row] = {}
+    def __init__(self, folder: Path, recordings: Sequence[Path], options: StudyOptions) -> None:
+        self.folder = folder
+        self.recordings = recordings
+        self._keys = {path: _key(path, options) for path in recordings}
         try:
-            self._kept.mkdir(parents=True, exist_ok=True)
+            folder.mkdir(parents=True, exist_ok=True)
+            rows = json.loads((folder / 'results.json').read_text('utf-8'))
+            before = {row['key']: row for row in rows if row['status'] == 'ok'}
+        except FileNotFoundError:
+            before = {}
         except OSError as error:
-            raise RecordingError(f'expected to write into {self.folder}, got {error}') from error
-        for path in self.recordings:
-            if (row := self._kept_row(path)) is not None:
-                self._rows[path] = row
-
-    @property
-    def _kept(self) -> Path:
-        return self.folder / 'rows'
+            raise RecordingError(f'expected to write into {folder}, got {error}') from error
+        # of another version, or cut off
+        except (KeyError, TypeError, ValueError):
+            before = {}
+        self._rows = {path: before[key] for path, key in self._keys.items() if key in before}
 
     def waiting(self) -> list[Path]:
         """Return the recordings that have no row yet."""
@@ -329,81 +283,62 @@ class StudyTable:
     def rows(self) -> list[Row]:
         """Return the rows that are there, in the order of the recordings, every column set."""
         return [
-            {name: {'recording': str(path), **self._rows[path]}.get(name) for name in columns()}
+            dict.fromkeys(columns()) | self._rows[path] | {'recording': str(path)}
             for path in self.recordings
             if path in self._rows
         ]
 
     def add(self, path: Path, row: Row) -> None:
-        """Take a row and, unless it is a failure, keep it for the next time."""
-        self._rows[path] = row
-        if row['status'] == 'ok':
-            replace_text(self._kept / self._name(path), json.dumps(row))
+        """Take a row."""
+        self._rows[path] = row | {'key': self._keys[path]}
 
     def write(self) -> None:
-        """Write results.csv, results.parquet and index.html.
+        """Write results.csv and results.json.
 
         Raises
         ------
         RecordingError
             If the folder cannot be written to.
         """
-        try:
-            self._write_csv()
-            self._write_parquet()
-            self._write_page()
-        except OSError as error:
-            raise RecordingError(f'expected to write into {self.folder}, got {error}') from error
-
-    def _write_csv(self) -> None:
         file = StringIO()
-        writer = csv.DictWriter(file, list(columns()))
+        writer = csv.DictWriter(file, columns(), extrasaction='ignore')
         writer.writeheader()
         for row in self.rows():
             # no value that a spreadsheet takes for a formula
-            cells = ((name, str(value)) for name, value in row.items() if isinstance(value, str))
+            cells = ((name, value) for name, value in row.items() if isinstance(value, str))
             writer.writerow(row | {name: spreadsheet_text(text) for name, text in cells})
-        replace_text(self.folder / 'results.csv', file.getvalue())
-
-    def _write_parquet(self) -> None:
         try:
-            pa, parquet = import_module('pyarrow'), import_module('pyarrow.parquet')
-        except ModuleNotFoundError:
-            self.remarks.append('results.parquet left out: it needs the extra rpms_ros[study]')
-            return
-        kinds = {str: pa.string(), int: pa.int64(), float: pa.float64()}
-        schema = pa.schema([(name, kinds[kind]) for name, kind in columns().items()])
-        table = pa.Table.from_pylist(self.rows(), schema=schema)
-        part = self.folder / 'results.parquet.part'
-        parquet.write_table(table, part)
-        part.replace(self.folder / 'results.parquet')
+            _replace_text(self.folder / 'results.csv', file.getvalue())
+            _replace_text(self.folder / 'results.json', json.dumps(self.rows(), indent=1))
+        except OSError as error:
+            raise RecordingError(f'expected to write into {self.folder}, got {error}') from error
 
-    def _write_page(self) -> None:
-        from rpms_ros.report.group import group_document
-        from rpms_ros.report.page import as_group_page
+    def remarks(self) -> list[str]:
+        """Return what must be known before rows are compared."""
+        sessions: dict[str, list[str]] = {}
+        models: set[str] = set()
+        for row in self.rows():
+            if row['session_hash']:
+                sessions.setdefault(row['session_hash'], []).append(row['recording'])
+            if row['twitch_time_constant_s'] is not None and row['verdict'] != 'no':
+                models.add(row['train_model'] or 'response to one pulse')
+        remarks = [
+            f'{", ".join(same)} hold the same pulses and forces: they count more than once'
+            for same in sessions.values()
+            if len(same) > 1
+        ]
+        if len(models) > 1:
+            remarks.append(
+                f'T_a is that of different models ({", ".join(sorted(models))}), which do not '
+                'measure the same: compare it within one (column train_model)'
+            )
+        return remarks
 
-        title = self.folder.resolve().name
-        document = group_document(self.rows(), title, self.one_person)
-        try:
-            page = as_group_page(document, self.folder)
-        except ModuleNotFoundError:
-            self.remarks.append('index.html left out: it needs the extra rpms_ros[report]')
-            return
-        replace_text(self.folder / 'index.html', page)
 
-    def _kept_row(self, path: Path) -> Row | None:
-        try:
-            row: Row = json.loads((self._kept / self._name(path)).read_text())
-        except (OSError, ValueError):
-            return None
-        # somebody may have removed its page
-        page = row.get('report')
-        return row if page is None or Path(page).is_file() else None
-
-    def _name(self, path: Path) -> str:
-        """Return a name that changes with the recording, the options and the columns."""
-        files = sorted(path.iterdir()) if path.is_dir() else [path]
-        found = [(file.name, file.stat()) for file in files if file.exists()]
-        states = [(name, state.st_size, state.st_mtime_ns) for name, state in found]
-        text = json.dumps([_VERSION, str(path.resolve()), states, asdict(self.options)])
-        return f'{hashlib.sha256(text.encode()).hexdigest()[:32]}.json'
+def _key(path: Path, options: StudyOptions) -> str:
+    """Return a text that changes with the recording, the options and the columns."""
+    files = sorted(path.iterdir()) if path.is_dir() else [path]
+    found = [(file.name, file.stat()) for file in files if file.exists()]
+    states = [(name, state.st_size, state.st_mtime_ns) for name, state in found]
+    text = json.dumps([_VERSION, str(path.resolve()), states, asdict(options)], default=str)
+    return hashlib.sha256(text.encode()).hexdigest()[:32]

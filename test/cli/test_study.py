@@ -3,6 +3,7 @@
 """rpms study: one table of many recordings, however it is worked out."""
 
 import csv
+import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -11,8 +12,7 @@ from typing import Any
 import pytest
 
 from rpms_ros.cli import main
-from rpms_ros.report.page import embedded
-from rpms_ros.report.study import columns, found_recordings
+from rpms_ros.report.study import StudyOptions, StudyTable, columns, found_recordings
 
 Rpms = Callable[..., tuple[int, str, str]]
 COUNT = 4
@@ -113,7 +113,7 @@ def test_interrupted_study_keeps_what_is_done(
     assert main(['study', str(sessions), '--out', str(tmp_path)]) == 130
     monkeypatch.undo()
     assert [row['status'] for row in table_of(tmp_path)] == ['ok']
-    assert len(list((tmp_path / 'rows').iterdir())) == 1
+    assert [row['status'] for row in json.loads((tmp_path / 'results.json').read_text())] == ['ok']
 
 
 def test_a_name_is_no_formula(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -158,17 +158,6 @@ def test_a_verdict_that_is_not_good_is_told(rpms: Rpms, sessions: Path, tmp_path
     assert (row['status'], row['verdict']) == ('ok', 'no')
 
 
-def test_doubtful_recordings_in_the_means_are_told(
-    rpms: Rpms, sessions: Path, tmp_path: Path
-) -> None:
-    options = ['--out', tmp_path, '--jobs', 1, '--expected-force', 1]
-    code, text, err = rpms('study', sessions / 'session_0', *options)
-    assert code == 1
-    assert ': 1 recording, 0 failed' in text
-    name = sessions / 'session_0'
-    assert f'the means in index.html include 1 doubtful recording: {name}\n' in err
-
-
 def test_nothing_to_study_is_an_error(rpms: Rpms, tmp_path: Path) -> None:
     table = tmp_path / 'trial.csv'
     table.write_text('time,force\n')
@@ -178,34 +167,17 @@ def test_nothing_to_study_is_an_error(rpms: Rpms, tmp_path: Path) -> None:
     assert not (tmp_path / 'study').exists()
 
 
-def test_a_page_has_verdicts_and_links(rpms: Rpms, sessions: Path, tmp_path: Path) -> None:
-    out = tmp_path / 'out'
-    bags = [sessions / 'session_0', sessions / 'session_1', tmp_path / 'nothing']
-    rpms('study', *bags, '--out', out, '--jobs', 1, '--one-person')
-    document = embedded((out / 'index.html').read_text(encoding='utf-8'), 'group')
-    assert document['one_person'] is True
-    assert document['verdicts'] == {'good': 2, 'doubtful': 0, 'no': 0, 'failed': 1}
-    first = document['recordings'][0]
-    assert first['date'] is None or first['date'].startswith('2023-11-14')
-    assert first['report'] is None
-    again = found_recordings([out, *bags[:2]])
-    assert again == bags[:2]
-
-
-@pytest.mark.long
-def test_reports_are_written_once_and_linked(rpms: Rpms, sessions: Path, tmp_path: Path) -> None:
-    options = ('study', sessions / 'session_0', '--out', tmp_path, '--jobs', 1, '--reports')
-    assert rpms(*options)[0] == 0
-    (row,) = table_of(tmp_path)
-    report = Path(row['report'])
-    assert 'session_0' in report.name
-    assert '<h1>session_0</h1>' in report.read_text(encoding='utf-8')
-    page = (tmp_path / 'index.html').read_text(encoding='utf-8')
-    assert f'href="./reports/{report.name}"' in page
-    assert '1 done before' in rpms(*options)[1]
-    report.unlink()
-    assert '0 done before' in rpms(*options)[1]
-    assert report.is_file()
+def test_what_counts_twice_and_what_is_not_comparable_is_told(tmp_path: Path) -> None:
+    same, models = {'session_hash': '0a'}, ('history law', None)
+    paths = [Path('a'), Path('b')]
+    table = StudyTable(tmp_path, paths, StudyOptions())
+    for path, model in zip(paths, models, strict=True):
+        table.add(
+            path, {'status': 'ok', 'twitch_time_constant_s': 0.03, 'train_model': model} | same
+        )
+    twice, different = table.remarks()
+    assert twice == 'a, b hold the same pulses and forces: they count more than once'
+    assert 'different models (history law, response to one pulse)' in different
 
 
 def test_intervals_are_in_the_table(rpms: Rpms, sessions: Path, tmp_path: Path) -> None:

@@ -108,8 +108,7 @@ def import_file(path: Path, options: ImportOptions) -> Imported:
                 f'expected no options for an export, in which everything is stated, got '
                 f'{", ".join(names)} with {path}'
             )
-        if path.is_file():
-            _refuse_bomb(path)
+        _refuse_bomb(path)
         pulses, forces, unit = read_export(path)
         facts = (('file', 'export of rpms'),)
         return Imported(pulses, forces, facts, guessed=False, quantity=QUANTITIES[unit])
@@ -351,8 +350,9 @@ _PER_CELL = 4
 
 def _refuse_bomb(path: Path) -> None:
     """Refuse a file whose parts, by the sizes that they state, unpack into too much memory."""
-    most = _LARGEST + _PER_BYTE * path.stat().st_size
-    left = most
+    if not path.is_file():
+        return
+    left = most = _LARGEST + _PER_BYTE * path.stat().st_size
     try:
         for size in _stated_sizes(path):
             left -= size
