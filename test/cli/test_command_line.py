@@ -145,8 +145,9 @@ def test_a_text_cannot_command_the_terminal() -> None:
 def test_that_it_compiles_is_said_on_stderr_terminal_or_not(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def warm_up(_: object, tell: Callable[[], None]) -> None:
+    def warm_up(_: object, tell: Callable[[], None], load: bool = True) -> None:
         tell()
+        assert not load
 
     monkeypatch.setattr('rpms_ros.identification.warm_up.warm_up', warm_up)
     for quiet, told in ((False, 1), (True, 0)):
