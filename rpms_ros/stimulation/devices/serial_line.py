@@ -249,25 +249,21 @@ class GuardedLine:
         line, guard, process = self._line, self._socket, self._guard
         if line is not None:
             self.silence()
-        left = True
         if guard is not None:
             with contextlib.suppress(OSError):
                 os.write(guard.number, packets.packed(Packet(packets.LEAVE)))
-            left = self._has_left(guard)
+        if process is not None:
+            try:
+                process.wait(_LEAVE_S)
+            except subprocess.TimeoutExpired:
+                # stopped, or it would have gone: what it had to do was done past it
+                process.kill()
+                process.wait()
         self._line = self._socket = self._guard = self.guard_pid = None
         if line is not None:
             # others may open the port again; the lock ends with its last descriptor
             with contextlib.suppress(OSError):
                 fcntl.ioctl(line.number, termios.TIOCNXCL)
-        if process is not None:
-            if not left:
-                # stopped, or it would have gone: what it had to do was done past it
-                process.kill()
-            try:
-                process.wait(_LEAVE_S)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
 
     # ---- the guard
 
@@ -353,23 +349,6 @@ class GuardedLine:
         """Silence the instrument past the guard."""
         self.silence()
         raise DeviceError(reason)
-
-    def _has_left(self, guard: Descriptor) -> bool:
-        """Wait until the guard has closed its end, which it does last; return whether it did."""
-        poll = select.poll()
-        poll.register(guard.number, select.POLLIN)
-        end = time.monotonic() + _LEAVE_S
-        while (left_s := end - time.monotonic()) > 0:
-            if not poll.poll(left_s * 1000):
-                return False
-            try:
-                if not os.read(guard.number, packets.MAXIMUM_PACKET):
-                    return True
-            except BlockingIOError:
-                continue
-            except OSError:
-                return True
-        return False
 
 
 class SerialDevice:
