@@ -12,7 +12,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool
 
-from rpms_msgs.msg import DriverStatus, OperatorHeartbeat
+from rpms_msgs.msg import DriverStatus, OperatorHeartbeat, Pulse
 from rpms_ros.errors import RpmsError
 from rpms_ros.nodes import operator_console
 from rpms_ros.nodes.common import operator, qos, topics
@@ -20,7 +20,6 @@ from rpms_ros.nodes.common.operator import ButtonPublisher, Keyboard, button_hea
 from rpms_ros.nodes.operator_console import OperatorConsole
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.nodes.stop_button import StopButton
-from rpms_ros.pulses import Pulse
 
 LONG = 'segments: [{kind: constant, rate_hz: 50.0, duration_s: 60.0, intensity: 0.5}]'
 
