@@ -33,65 +33,40 @@ from rpms_ros.muscle.time_varying import (
 
 NAN, INF = math.nan, math.inf
 IMPOSSIBLE = (0.0, -1.0, NAN, INF)
-SLOPES = ('threshold_slope', 'saturation_slope')
+ENDS, SLOPES = ('threshold', 'saturation'), ('threshold_slope', 'saturation_slope')
+RATES, RATE = ('slope', 'gain', 'lowest_rate'), 'repetition rate above 0 Hz, got'
+POSITIVE = ('drift_period', 'artifact_decay', 'saturation')
+LIVING = of(LivingContraction, average_subject(), LivingSettings(), 0)
+
+
+def each(make, names, values, fault):
+    """Make with each value of each name; the fault names it."""
+    return [(of(make, **{name: one}), fault.format(name)) for name in names for one in values]
 
 
 @pytest.mark.parametrize(
     ('make', 'fault'),
     [
         (of(IntensityRecruitment, 0.9, 0.5), r'saturation above 0\.9, got 0\.5'),
-        *((of(IntensityRecruitment, **{name: 0.0}), f'{name} above 0, got') for name in SLOPES),
-        *(
-            (of(IntensityRecruitment, **{name: value}), f'finite {name}')
-            for name in ('threshold', 'saturation', *SLOPES, 'gain', 'offset')
-            for value in (NAN, INF)
-        ),
+        *each(IntensityRecruitment, SLOPES, [0.0], '{} above 0, got'),
+        *each(IntensityRecruitment, (*ENDS, *SLOPES, 'gain', 'offset'), (NAN, INF), 'finite {}'),
         (IntensityRecruitment(0.1, 0.2, 0.1, 50.0).normalised, r'rho_u\(1\) > rho_u\(0\), got'),
-        *(
-            (of(RateRecruitment, **{name: value}), f'finite {name}')
-            for name in ('saturation', 'slope', 'gain', 'offset', 'lowest_rate')
-            for value in (NAN, INF)
-        ),
-        *(
-            (of(RateRecruitment, **{name: value}), f'{name} above 0, got')
-            for name in ('slope', 'gain', 'lowest_rate')
-            for value in (0.0, -0.05)
-        ),
+        *each(RateRecruitment, ('saturation', 'offset', *RATES), (NAN, INF), 'finite {}'),
+        *each(RateRecruitment, RATES, (0.0, -0.05), '{} above 0, got'),
         (of(RateRecruitment, offset=-2.0), r'rho_f at 15\.0 Hz above 0, got -0\.89'),
-        *(
-            (of(Subject, latency=value), 'latency of at least 0 s, got')
-            for value in (-1, NAN, INF)
-        ),
-        *((of(Subject, order=value), f'order from 1 to 6, got {value}') for value in (0, 7, -1)),
-        *((of(Subject, maximum_force=value), 'force above 0 N, got') for value in IMPOSSIBLE),
+        *each(Subject, ['latency'], (-1, NAN, INF), '{} of at least 0 s, got'),
+        *each(Subject, ['order'], (0, 7, -1), '{} from 1 to 6, got'),
+        *each(Subject, ['maximum_force'], IMPOSSIBLE, 'force above 0 N, got'),
+        *each(Subject, ['time_constant'], IMPOSSIBLE, 'time constant above 0 s, got'),
+        *each(of(twitch, 0.1), ['time_constant'], IMPOSSIBLE, 'time constant above 0 s, got'),
+        *each(twitch_area, ['time_constant'], IMPOSSIBLE, 'time constant above 0 s, got'),
+        *each(of(steady_mean, 20.0), ['time_constant'], IMPOSSIBLE, 'time constant above 0 s'),
+        *each(of(twitch, 0.1, 0.04), ['order'], (0.99, -1.0, NAN, INF), 'order of at least 1'),
         (of(subject_by_name, 'x'), "a subject of rpms, fes, simulation, got 'x'"),
-        *(
-            (make, 'time constant above 0 s, got')
-            for value in IMPOSSIBLE
-            for make in (
-                of(Subject, time_constant=value),
-                of(twitch, 0.1, value),
-                of(twitch_area, value),
-                of(steady_mean, 20.0, value),
-            )
-        ),
-        *(
-            (of(twitch, 0.1, 0.04, value), 'order of at least 1, got')
-            for value in (0.99, -1.0, NAN, INF)
-        ),
-        *(
-            (make, 'repetition rate above 0 Hz, got')
-            for value in IMPOSSIBLE
-            for make in (
-                of(summed_twitches, 0.1, value, 0.04),
-                of(Contraction, average_subject(), value),
-                of(LivingContraction, average_subject(), LivingSettings(), 0, value),
-            )
-        ),
-        *(
-            (of(Contraction, average_subject(), window=value), 'window above 0 s, got')
-            for value in IMPOSSIBLE
-        ),
+        *each(of(summed_twitches, 0.1, time_constant=0.04), ['rate_hz'], IMPOSSIBLE, RATE),
+        *each(of(Contraction, average_subject()), ['fixed_rate_hz'], IMPOSSIBLE, RATE),
+        *each(LIVING, ['fixed_rate_hz'], IMPOSSIBLE, RATE),
+        *each(of(Contraction, average_subject()), ['window'], IMPOSSIBLE, '{} above 0 s, got'),
         (
             of(Contraction(average_subject()).add_pulses, [0, 1], [0.5]),
             'as many intensities as onsets, got 1 and 2',
@@ -128,16 +103,10 @@ SLOPES = ('threshold_slope', 'saturation_slope')
         (of(SensorFault, 'lost', 0.0, 0.0), 'finite duration above 0 s, got 0'),
         (of(SensorFault, 'clipped', 0.0, 1.0), 'a value for a clipped sensor, got 0'),
         (of(SensorFault, 'clipped', 0.0, 1.0, INF), 'a finite value, got inf'),
-        *((of(Disturbances, noise=value), 'noise of at least 0 N') for value in (-0.1, NAN, INF)),
-        *(
-            (of(Disturbances, **{name: value}), f'expected a {name} above 0, got')
-            for name in ('drift_period', 'artifact_decay', 'saturation')
-            for value in (0.0, -1.0, NAN)
-        ),
-        *(
-            (of(Disturbances, **{name: value}), f'expected a finite {name}, got')
-            for name in ('offset', 'drift', 'artifact')
-            for value in (NAN, INF)
+        *each(Disturbances, ['noise'], (-0.1, NAN, INF), '{} of at least 0 N'),
+        *each(Disturbances, POSITIVE, (0.0, -1.0, NAN), 'expected a {} above 0, got'),
+        *each(
+            Disturbances, ('offset', 'drift', 'artifact'), (NAN, INF), 'expected a finite {}, got'
         ),
     ],
 )
