@@ -20,7 +20,7 @@ from rpms_ros.stimulation.devices.registry import (
     TooLate,
     quantized_down,
 )
-from rpms_ros.stimulation.schedule.fields import Bound, bounded, check_bounds, share
+from rpms_ros.stimulation.schedule.fields import Bound, Bounded, bounded, share
 
 _SECONDS = Bound(0.0, 60.0, 's')
 # A device that listens every 0.5 s allows one message to be lost.
@@ -28,7 +28,7 @@ KEEP_ALIVE_LIMIT_NS = 1_100_000_000
 
 
 @dataclass(frozen=True)
-class SimulatedFaults:
+class SimulatedFaults(Bounded):
     """What a simulated device does wrong; by default nothing.
 
     Attributes
@@ -66,12 +66,9 @@ class SimulatedFaults:
     not_ready: bool = False
     disarms: bool = False
 
-    def __post_init__(self) -> None:
-        check_bounds(self)
-
 
 @dataclass(frozen=True)
-class WireTimes:
+class WireTimes(Bounded):
     """How long the exchanges of a simulated device take; by default no time.
 
     Attributes
@@ -88,9 +85,6 @@ class WireTimes:
     keep_alive_s: float = bounded(_SECONDS, 0.0)
     trigger_s: float = bounded(_SECONDS, 0.0)
     answer_s: float = bounded(_SECONDS, 0.0)
-
-    def __post_init__(self) -> None:
-        check_bounds(self)
 
 
 class SimulatedDevice:

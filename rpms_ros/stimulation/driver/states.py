@@ -19,7 +19,7 @@ from rpms_ros.pulses import NANOSECONDS_PER_SECOND, nanoseconds
 from rpms_ros.stimulation.devices.registry import Delivery
 from rpms_ros.stimulation.limits.limits import BookedPulse, Limits
 from rpms_ros.stimulation.records.dose_ledger import MemoryLedger
-from rpms_ros.stimulation.schedule.fields import Bound, bounded, check_bounds
+from rpms_ros.stimulation.schedule.fields import Bound, Bounded, bounded
 from rpms_ros.stimulation.schedule.schedule import Schedule
 
 
@@ -322,7 +322,7 @@ _SECONDS = Bound(0.0, 10.0, 's', above=True)
 
 
 @dataclass(frozen=True)
-class DriverSettings:
+class DriverSettings(Bounded):
     """How a driver watches over itself.
 
     Attributes
@@ -378,6 +378,3 @@ class DriverSettings:
     temperature_limit: float = bounded(Bound(-20.0, 100.0, 'Celsius'), 40.0)
     prepare_s: float = bounded(_SECONDS, 0.1)
     reserve_s: float = bounded(_SECONDS, 1.0)
-
-    def __post_init__(self) -> None:
-        check_bounds(self)

@@ -14,9 +14,9 @@ from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.stimulation.limits.limits import BookedPulse
 from rpms_ros.stimulation.schedule.fields import (
     Bound,
+    Bounded,
     DescriptionError,
     bounded,
-    check_bounds,
     share,
 )
 
@@ -27,7 +27,7 @@ _COLDER_K = 10.0
 
 
 @dataclass(frozen=True)
-class CoilThermal:
+class CoilThermal(Bounded):
     """Thermal figures of a coil.
 
     Attributes
@@ -51,7 +51,7 @@ class CoilThermal:
     cutout: float = bounded(_COIL)
 
     def __post_init__(self) -> None:
-        check_bounds(self)
+        super().__post_init__()
         if not self.cutout > self.ambient:
             raise DescriptionError(
                 'cutout', f'expected more than ambient, {self.ambient:g}, got {self.cutout:g}'

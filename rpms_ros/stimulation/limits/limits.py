@@ -24,14 +24,14 @@ from typing import NamedTuple, Self
 from rpms_ros.errors import StimulationError
 from rpms_ros.printable import counted, told_apart
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, nanoseconds
-from rpms_ros.stimulation.schedule.fields import Bound, bounded, check_bounds, share
+from rpms_ros.stimulation.schedule.fields import Bound, Bounded, bounded, share
 
 _POSITIVE_S = Bound(0.0, 86_400.0, 's', above=True)
 _COUNT = Bound(1, 10_000_000, whole=True)
 
 
 @dataclass(frozen=True)
-class Limits:
+class Limits(Bounded):
     """Bounds of every pulse.  Energies are 0 for a device that has no coil to heat.
 
     Attributes
@@ -96,7 +96,7 @@ class Limits:
     idle_disarm_s: float = bounded(_POSITIVE_S, 60.0)
 
     def __post_init__(self) -> None:
-        check_bounds(self)
+        super().__post_init__()
         u, f = self.rate_intensities, self.rate_limits_hz
         if len(u) != len(f) or sorted(set(u)) != list(u) or sorted(f, reverse=True) != list(f):
             raise StimulationError(
@@ -194,7 +194,7 @@ class BookedPulse(NamedTuple):
 
 
 @dataclass(frozen=True)
-class DoseLimits:
+class DoseLimits(Bounded):
     """What one patient may get within a window that ends now.
 
     Attributes
@@ -210,9 +210,6 @@ class DoseLimits:
     pulses: int = bounded(Bound(1, 10_000_000, whole=True))
     energy_j: float = bounded(Bound(0.0, 1e9, 'J'))
     window_h: float = bounded(Bound(0.0, LONGEST_WINDOW_H, 'h', above=True))
-
-    def __post_init__(self) -> None:
-        check_bounds(self)
 
     @property
     def window_ns(self) -> int:

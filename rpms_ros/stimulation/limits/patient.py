@@ -26,10 +26,10 @@ from rpms_ros.stimulation.limits.limits import DoseLimits
 from rpms_ros.stimulation.schedule.description import from_file
 from rpms_ros.stimulation.schedule.fields import (
     Bound,
+    Bounded,
     DescriptionError,
     as_mapping,
     bounded,
-    check_bounds,
     read_bounded,
     read_part,
     read_text,
@@ -47,7 +47,7 @@ _KEYS = [
 
 
 @dataclass(frozen=True)
-class Rest:
+class Rest(Bounded):
     """How long trains may be, and how long the silence between two of them is at least.
 
     Attributes
@@ -61,12 +61,9 @@ class Rest:
     train_pulses: int = bounded(Bound(1, 10_000_000, whole=True))
     pause_s: float = bounded(Bound(0.0, 86_400.0, 's', above=True))
 
-    def __post_init__(self) -> None:
-        check_bounds(self)
-
 
 @dataclass(frozen=True)
-class Patient:
+class Patient(Bounded):
     """What one patient may get from one kind of device.
 
     Attributes
@@ -100,7 +97,7 @@ class Patient:
     expires: date = dataclasses.field(kw_only=True)
 
     def __post_init__(self) -> None:
-        check_bounds(self)
+        super().__post_init__()
         if not _IDENTIFIER.fullmatch(self.identifier) or len(self.identifier) > LONGEST_NAME:
             raise DescriptionError(
                 'identifier',

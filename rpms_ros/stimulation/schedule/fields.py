@@ -110,19 +110,22 @@ def share(default: Any = MISSING) -> Any:
     return bounded(Bound(0.0, 1.0), default)
 
 
-def check_bounds(instance: Any) -> None:
-    """Hold every bounded field of a dataclass against its bound, in ``__post_init__``.
+@dataclass(frozen=True)
+class Bounded:
+    """Base of a dataclass: every bounded field is held against its bound when it is made.
 
     Raises
     ------
     DescriptionError
         If a value is not what its bound asks for.
     """
-    for entry in fields(instance):
-        bound = entry.metadata.get('bound')
-        if bound is not None:
-            value = bound.read(getattr(instance, entry.name), entry.name)
-            object.__setattr__(instance, entry.name, value)
+
+    def __post_init__(self) -> None:
+        for entry in fields(self):
+            bound = entry.metadata.get('bound')
+            if bound is not None:
+                value = bound.read(getattr(self, entry.name), entry.name)
+                object.__setattr__(self, entry.name, value)
 
 
 def as_mapping(content: object, place: str) -> Mapping[str, object]:

@@ -28,7 +28,7 @@ from rpms_ros.pulses import (
     PulseTrain,
     nanoseconds,
 )
-from rpms_ros.stimulation.schedule.fields import Bound, DescriptionError, bounded, check_bounds
+from rpms_ros.stimulation.schedule.fields import Bound, Bounded, DescriptionError, bounded
 from rpms_ros.strict_yaml import shown
 
 # One pulse in 1000 s; bounded below so that no onset leaves the range of an integer.
@@ -40,18 +40,16 @@ DURATION = Bound(SHORTEST_S, LONGEST_S, 's')
 
 
 @dataclass(frozen=True)
-class Segment(ABC):
-    """A piece of a schedule; every kind is a subclass."""
+class Segment(Bounded, ABC):
+    """A piece of a schedule; every kind is a subclass with a ``duration_s``."""
 
     kind: ClassVar[str]
 
-    def __post_init__(self) -> None:
-        check_bounds(self)
-
     @property
-    @abstractmethod
     def length_s(self) -> float:
         """Time from its start to the start of the next segment [s]."""
+        length: float = getattr(self, 'duration_s')  # noqa: B009 - of the subclasses
+        return length
 
     @property
     @abstractmethod
@@ -75,11 +73,6 @@ class Pause(Segment):
     duration_s: float = bounded(DURATION)
 
     @property
-    def length_s(self) -> float:
-        """Time without a pulse [s]."""
-        return self.duration_s
-
-    @property
     def pulse_count(self) -> int:
         """None."""
         return 0
@@ -98,7 +91,7 @@ LONGEST_NAME = 64
 
 
 @dataclass(frozen=True)
-class Repeat:
+class Repeat(Bounded):
     """Segments that are given several times in a row.
 
     Attributes
@@ -113,7 +106,7 @@ class Repeat:
     times: int = bounded(Bound(1, 100_000, whole=True), 2)
 
     def __post_init__(self) -> None:
-        check_bounds(self)
+        super().__post_init__()
         if not self.segments:
             raise StimulationError('expected at least one segment to repeat, got none')
 
@@ -182,7 +175,7 @@ class Plan:
 
 
 @dataclass(frozen=True)
-class Schedule:
+class Schedule(Bounded):
     """Segments in a row.
 
     Attributes
@@ -203,7 +196,7 @@ class Schedule:
     width_s: float = bounded(Bound(1e-6, 0.01, 's'), MAGNETIC_PULSE_WIDTH)
 
     def __post_init__(self) -> None:
-        check_bounds(self)
+        super().__post_init__()
         if not self.name.isprintable() or not 0 < len(self.name) <= LONGEST_NAME:
             raise DescriptionError(
                 'name',

@@ -64,11 +64,6 @@ class Repetitive(Segment):
     )
 
     @property
-    def length_s(self) -> float:
-        """Length of the segment [s]."""
-        return self.duration_s
-
-    @property
     def pulse_count(self) -> int:
         """Number of periods that begin within the segment: mean rate times duration, upwards."""
         final = self.rate_hz if self.final_rate_hz is None else self.final_rate_hz
@@ -186,11 +181,6 @@ class PulseBurst(Segment):
             )
 
     @property
-    def length_s(self) -> float:
-        """Length of the segment with the silence after the pulses [s]."""
-        return self.duration_s
-
-    @property
     def pulse_count(self) -> int:
         """Number of pulses."""
         return self.count
@@ -212,11 +202,6 @@ class Single(Segment):
     kind: ClassVar[str] = 'single'
     intensity: float = share(1.0)
     duration_s: float = bounded(DURATION, 1.0)
-
-    @property
-    def length_s(self) -> float:
-        """Length of the segment with the silence after the pulse [s]."""
-        return self.duration_s
 
     @property
     def pulse_count(self) -> int:
