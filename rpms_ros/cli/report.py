@@ -41,7 +41,7 @@ _EXAMPLES = """\
   rpms report bags/sample --out report.html
   rpms report session --files figures            PNG, SVG and JSON files beside the page
   rpms report session --json | jq .held_out      one JSON object on stdout
-  rpms report session --device rapid2-240v --state 'coil_type=round' --state age=34
+  rpms report session --state 'coil_type=round' --state age=34
 """
 
 
@@ -59,8 +59,6 @@ def add_report(subparsers: Subparsers) -> None:
     add_option(parser, '--title TEXT', None, text)
     text = 'share of the time at the end that is predicted, not learnt from'
     add_option(parser, '--held-out SHARE', 0.2, text)
-    text = 'stimulator, by name or YAML file, for energy in J'
-    add_option(parser, '--device NAME', None, text)
     text = 'an item of the reporting checklist that the recording does not know'
     add_option(parser, '--state ITEM=TEXT', [], text, action='append', type=str)
     add_reading_options(parser)
@@ -113,11 +111,9 @@ def _report(arguments: argparse.Namespace) -> 'SessionReport':
     from rpms_ros.report.recorded import RecordedMessages, recorded_messages
     from rpms_ros.report.result import identified, result_of
     from rpms_ros.report.session import ReportSettings, report_of
-    from rpms_ros.stimulation.limits.device_specification import load_device_specification
 
     settings = ReportSettings(
         held_out_share=arguments.held_out,
-        device=load_device_specification(arguments.device) if arguments.device else None,
         stated=stated_items(arguments.state),
         command=shlex.join(['rpms', *sys.argv[1:]]) if sys.argv[1:2] == ['report'] else '',
     )

@@ -164,8 +164,8 @@ _MOST_MESSAGES = 20
 _LONGEST_BODY = 1024
 _PATIENCE = 10.0
 
-_UPLOT = files('rpms_ros.report') / 'templates' / 'uplot'
 _HERE = files('rpms_ros.live')
+_UPLOT = _HERE / 'uplot'
 FILES = {
     '/': (_HERE / 'page.html', 'text/html'),
     '/page.css': (_HERE / 'page.css', 'text/css'),

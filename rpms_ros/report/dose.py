@@ -11,9 +11,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from rpms_ros.errors import ReportError
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, PulseTrain, nanoseconds
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, PulseTrain
 from rpms_ros.schema import internal
-from rpms_ros.stimulation.limits.coil_temperature import CoilTemperature
 from rpms_ros.stimulation.limits.device_specification import DeviceSpecification
 from rpms_ros.stimulation.limits.forecast import Forecast
 from rpms_ros.stimulation.schedule.schedule import Schedule
@@ -95,35 +94,9 @@ class Dose:
     rate_hz: dict[str, float] | None
     intensity: dict[str, float] | None
     pulse_width_s: tuple[float, ...]
-    full_intensity_pulses: float = internal()
+    full_intensity_pulses: float
     onset_s: FloatArray = internal()
     intensities: FloatArray = internal()
-
-
-@dataclass(frozen=True)
-class DeviceLoad:
-    """Energy, power and temperature of the pulses on a device, by its specification.
-
-    Attributes
-    ----------
-    name : str
-        Name of the device specification.
-    energy_j : float
-        Energy of all pulses [J].
-    highest_power_w : float
-        Largest mean power over the device specification's window [W].
-    window_s : float
-        That window [s].
-    highest_temperature_celsius : float or None
-        Of the coil, from a model that starts at room temperature [Celsius]; None without
-        thermal figures.
-    """
-
-    name: str
-    energy_j: float
-    highest_power_w: float
-    window_s: float
-    highest_temperature_celsius: float | None
 
 
 def dose_of(pulses: PulseTrain, start_ns: int) -> Dose:
@@ -165,24 +138,3 @@ def _spread(
         name: float(middle(values)),
         'highest': float(values.max()),
     }
-
-
-def load_of(dose: Dose, specification: DeviceSpecification) -> DeviceLoad:
-    """Return energy, power and temperature on a device, E = E_max u^2 for each pulse."""
-    limits = specification.limits
-    energy = limits.pulse_energy_j * dose.intensities**2
-    onset = dose.onset_s
-    power = window_power(onset, energy, limits.energy_window_s)
-    highest = None
-    if specification.thermal is not None:
-        coil = CoilTemperature(specification.thermal)
-        steps = zip((onset - onset[:1]).tolist(), energy.tolist(), strict=True)
-        celsius = [coil.heat(nanoseconds(time), heat) for time, heat in steps]
-        highest = max(celsius, default=specification.thermal.ambient)
-    return DeviceLoad(
-        specification.name,
-        float(energy.sum()),
-        float(power.max()) if len(power) else 0.0,
-        limits.energy_window_s,
-        highest,
-    )

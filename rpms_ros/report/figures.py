@@ -31,7 +31,7 @@ from rpms_ros.axis import QUANTITIES
 from rpms_ros.errors import ReportError
 from rpms_ros.identification import IdentifiedSession
 from rpms_ros.identification.analysis import SummationAnalysis
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray, PulseTrain
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, PulseTrain
 from rpms_ros.report.analysis_figures import draw_trains, fill_train_figure, save_figure
 from rpms_ros.report.course import Course, TimeCourse, course_of
 from rpms_ros.report.dose import Dose, dose_of
@@ -135,10 +135,24 @@ def draw_force(axes: list[Axes], session: IdentifiedSession, dose: Dose) -> None
     end = min(float(time[-1]), float(dose.onset_s[-1]) + 0.1) if dose.pulses else float(time[-1])
     kept = (time >= end - _SHOWN) & (time <= end)
     shown = min(_SHOWN, float(np.ptp(time[kept]))) if kept.any() else 0.0
-    what = QUANTITIES[session.last.unit].capitalize()
-    axes[0].set_title(f'{what}, last {shown:.3g} s of stimulation')
-    force, prediction = session.force[kept], session.shown_prediction[kept]
-    _force_and_residual(axes, time[kept], force, prediction, session.last.unit)
+    _force_of(axes, session, kept, f'last {shown:.3g} s of stimulation')
+
+
+def draw_worst(axes: list[Axes], session: IdentifiedSession) -> None:
+    """Draw measured and modelled force around the largest residual."""
+    time = _elapsed(session.stamp_ns, session)
+    error = np.where(session.usable, np.abs(session.force - session.prediction), 0.0)
+    # before an estimator has settled, residuals are as large as the force
+    begin = len(error) // 5
+    at = time[begin + int(np.argmax(error[begin:]))]
+    kept = np.abs(time - at) <= 0.5 * _SHOWN
+    _force_of(axes, session, kept, f'around the largest residual, at {at:.1f} s')
+
+
+def _force_of(axes: list[Axes], session: IdentifiedSession, kept: BoolArray, where: str) -> None:
+    unit, time = session.last.unit, _elapsed(session.stamp_ns, session)[kept]
+    axes[0].set_title(f'{QUANTITIES[unit].capitalize()}, {where}')
+    _force_and_residual(axes, time, session.force[kept], session.shown_prediction[kept], unit)
 
 
 def draw_held_out(axes: list[Axes], session: IdentifiedSession, fit: HeldOutFit | None) -> None:
@@ -390,13 +404,14 @@ FIGURES: dict[str, tuple[Draw, float, int]] = {
     ),
     'parameters': (lambda axes, one: draw_course(axes, one.course, one.true_muscle), 0.5, 0),
     'force': (lambda axes, one: draw_force(axes, one.identified, one.schedule), 4.4, 2),
+    'worst': (lambda axes, one: draw_worst(axes, one.identified), 4.4, 2),
     'residuals': (lambda axes, one: draw_residuals(axes, one.residuals), 4.4, 2),
     'held_out': (lambda axes, one: draw_held_out(axes, one.identified, one.held_out), 4.4, 2),
     'schedule': (lambda axes, one: draw_schedule(axes, one.schedule), 4.4, 2),
 }
 """How each figure is drawn, its height [inch] and its panels, by name; a course has its own."""
 
-OF_THE_ESTIMATOR = ('parameters', 'residuals', 'held_out')
+OF_THE_ESTIMATOR = ('parameters', 'worst', 'residuals', 'held_out')
 """Those that have no meaning where trains stand for the estimate."""
 
 _STYLE: dict[Any, Any] = {

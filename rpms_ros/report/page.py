@@ -1,14 +1,10 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The HTML page of a session, with style, script, figures and data inside.
+"""The HTML page of a session, with style, figures and data inside.
 
 It is made of the templates of this package, by the extra rpms_ros[report].
-
-A page has to stay small enough to be sent: an hour at 1 kHz is 3.6 million samples.  Where all of
-them do not fit, an envelope of the force shows every extreme, and three windows show every sample.
 """
 
-import base64
 import json
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,120 +12,15 @@ from typing import Any
 from urllib.parse import quote
 
 import numpy as np
-import numpy.typing as npt
 
 from rpms_ros.axis import QUANTITIES
-from rpms_ros.identification import IdentifiedSession
-from rpms_ros.identification.session import settled
 from rpms_ros.printable import counted
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.report.dose import TRAIN_GAP
 from rpms_ros.report.figures import OF_THE_ESTIMATOR, as_svg, names_of
 from rpms_ros.report.session import SHARES_SHOWN, SessionReport
 from rpms_ros.report.text import RATE_WORDS, label, recruitment_shown, shown, with_interval
 from rpms_ros.schema import plain
-
-MOST_SAMPLES = 50_000
-"""Up to so many samples are kept one by one."""
-ENVELOPE_BINS = 4000
-WINDOW = 10.0
-"""Length of a window that is kept sample by sample [s]."""
-_MOST_IN_WINDOW = 10_000
-
-
-def windows_of(session: IdentifiedSession) -> dict[str, slice]:
-    """Return the parts of a session that are kept sample by sample, by what they show."""
-    count = len(session.stamp_ns)
-    if count <= MOST_SAMPLES:
-        return {'whole session': slice(0, count)}
-    period = (session.stamp_ns[-1] - session.stamp_ns[0]) / (count - 1) / NANOSECONDS_PER_SECOND
-    length = min(_MOST_IN_WINDOW, count, max(2, round(WINDOW / period)))
-    return {
-        'start': slice(0, length),
-        'largest residual': _worst(session, length),
-        'end': slice(count - length, count),
-    }
-
-
-def force_traces(session: IdentifiedSession) -> dict[str, Any]:
-    """Return the traces as JSON takes them: arrays are little-endian float32 in base 64.
-
-    Times are in s after the first sample (`start` of a window, plus `time` within it), forces
-    in N; NaN where there is no prediction yet.
-    """
-    elapsed = (session.stamp_ns - session.stamp_ns[0]) / NANOSECONDS_PER_SECOND
-    traces: dict[str, Any] = {
-        'end': float(elapsed.max()),
-        'residual_limit': _residual_limit(session),
-        'unit': session.last.unit,
-        'quantity': QUANTITIES[session.last.unit],
-        'windows': [
-            _window(session, elapsed, label, part) for label, part in windows_of(session).items()
-        ],
-    }
-    if len(elapsed) > MOST_SAMPLES:
-        traces['envelope'] = _envelope(session, elapsed)
-    return traces
-
-
-def _residual_limit(session: IdentifiedSession) -> float | None:
-    """Return the height of the residual's axis [N], None to let the plot choose.
-
-    Before an estimator has settled, residuals are as large as the force: they would flatten the
-    rest, and may leave the plot.
-    """
-    kept = settled(session.stamp_ns) & session.usable
-    if not kept.any():
-        return None
-    largest = float(np.abs(session.force - session.prediction)[kept].max())
-    return 1.1 * largest if largest > 0.0 else None
-
-
-def _worst(session: IdentifiedSession, length: int) -> slice:
-    """Return the window with the largest mean square of the residual, past the first fifth."""
-    square = np.where(session.usable, (session.force - session.prediction) ** 2, 0.0)
-    total = np.concatenate([[0.0], np.cumsum(square)])
-    energy = total[length:] - total[:-length]
-    # The start, before the estimator has settled, is always the worst and has its own window.
-    begin = min(len(square) // 5, len(energy) - 1)
-    first = begin + int(np.argmax(energy[begin:]))
-    return slice(first, first + length)
-
-
-def _window(
-    session: IdentifiedSession, elapsed: FloatArray, label: str, part: slice
-) -> dict[str, Any]:
-    start = float(elapsed[part.start])
-    return {
-        'label': label,
-        'start': start,
-        'time': encoded(elapsed[part] - start),
-        'measured': encoded(session.force[part]),
-        'modelled': encoded(session.shown_prediction[part]),
-    }
-
-
-def _envelope(session: IdentifiedSession, elapsed: FloatArray) -> dict[str, Any]:
-    """Return minimum and maximum, one after the other, of runs of equally many samples."""
-    starts = np.unique(np.linspace(0, len(elapsed), ENVELOPE_BINS, endpoint=False).astype(int))
-    middles = (starts + np.append(starts[1:], len(elapsed))) // 2
-    series = {
-        'measured': session.force,
-        'modelled': session.shown_prediction,
-        'residual': session.force - session.shown_prediction,
-    }
-    extremes = {
-        name: [np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)]
-        for name, values in series.items()
-    }
-    columns = {'time': [elapsed[starts], elapsed[middles]], **extremes}
-    return {name: encoded(np.stack(pair, axis=1).ravel()) for name, pair in columns.items()}
-
-
-def encoded(values: npt.NDArray[Any]) -> str:
-    """Return numbers as little-endian float32 in base 64."""
-    return base64.b64encode(np.asarray(values, dtype='<f4').tobytes()).decode('ascii')
-
 
 # What need not be escaped in a data URL; base64 would be longer.
 _KEPT = " !$&'()*+,/:;=?@\n"
@@ -151,6 +42,7 @@ CAPTIONS = {
     'parameters': 'Estimates over time, with 95 % bands; dotted lines are sudden changes, '
     'hatched spans have a doubt or a fault, dashed is the truth where the muscle was simulated.',
     'force': 'Measured and modelled force at the end of the stimulation, and their difference.',
+    'worst': 'The same where the difference is largest, past the first fifth of the session.',
     'residuals': 'Correlations of the residual: within the dashed lines it is white noise.',
     'held_out': 'Force that was not learnt from, and its prediction.',
     'schedule': 'The pulses that were delivered, and their energy.',
@@ -203,7 +95,6 @@ def as_page(report: SessionReport) -> str:
         rate_words=RATE_WORDS,
         train_gap=TRAIN_GAP,
         start=_start(document['session']['start_ns']),
-        traces=force_traces(session),
         captions=CAPTIONS,
         what=QUANTITIES[report.result.unit],
         force_range=float(np.ptp(session.force[session.usable])),
@@ -234,6 +125,6 @@ def percent(share: float | None) -> str:
 
 
 def embedded(page: str, name: str) -> Any:
-    """Return the JSON that a page carries under a name: ``report`` or ``traces``."""
+    """Return the JSON that a page carries under a name."""
     start = page.index('>', page.index(f'<script type="application/json" id="{name}"')) + 1
     return json.loads(page[start : page.index('</script>', start)])

@@ -32,7 +32,7 @@ from rpms_ros.printable import counted
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray
 from rpms_ros.recording import Recording
 from rpms_ros.report.course import Course, Flag, course_of, steadiness
-from rpms_ros.report.dose import DeviceLoad, Dose, dose_of, load_of
+from rpms_ros.report.dose import Dose, dose_of
 from rpms_ros.report.known_muscle import KnownMuscle, known_muscle
 from rpms_ros.report.recorded import DriverTotals, RecordedMessages
 from rpms_ros.report.residuals import (
@@ -50,7 +50,6 @@ from rpms_ros.report.result import (
     trains_of,
 )
 from rpms_ros.schema import internal, plain
-from rpms_ros.stimulation.limits.device_specification import DeviceSpecification
 
 SOURCE = (
     'Schneider C, Zangrandi A, Sollmann N, Bonfert MV, Beaulieu LD, rPMS Consensus Group. '
@@ -263,8 +262,6 @@ class ReportSettings:
     ----------
     held_out_share : float
         Share of the time at the end that is predicted and not learnt from.
-    device : DeviceSpecification or None
-        Device for the energy; None leaves it in units of a pulse at full intensity.
     stated : mapping of str to str
         Items of the checklist given by the user.
     command : str
@@ -272,7 +269,6 @@ class ReportSettings:
     """
 
     held_out_share: float = HELD_OUT_SHARE
-    device: DeviceSpecification | None = None
     stated: Mapping[str, str] = field(default_factory=dict)
     command: str = ''
 
@@ -303,8 +299,6 @@ class SessionReport:
         None where nothing could be held out.
     faults : list of dict
         Name, count and meaning of each.
-    energy : dict
-        Sum of the squared intensities, and the load of a device if one was named.
     schedule : Dose
         Schedule and dose.
     driver : DriverTotals or None
@@ -336,7 +330,6 @@ class SessionReport:
     residuals: ResidualAnalysis | None
     held_out: HeldOutFit | None
     faults: list[dict[str, str | int]]
-    energy: dict[str, float | DeviceLoad | None]
     schedule: Dose
     driver: DriverTotals | None
     session: dict[str, Any]
@@ -416,10 +409,6 @@ def report_of(
             {'name': name, 'count': n, 'meaning': MEANING.get(name, 'fault of the recording')}
             for name, n in result.faults.items()
         ],
-        energy={
-            'full_intensity_pulses': dose.full_intensity_pulses,
-            'device': load_of(dose, settings.device) if settings.device else None,
-        },
         schedule=dose,
         driver=recorded.driver,
         session=_facts(recording, session, recorded),

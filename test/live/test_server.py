@@ -4,6 +4,7 @@
 
 import asyncio
 import contextlib
+import hashlib
 import json
 import socket
 import struct
@@ -281,3 +282,15 @@ def test_closing_ends_the_thread_and_frees_the_port(session, feed):
     assert 'live_page' not in {one.name for one in threading.enumerate()}
     again = LiveServer(session, feed.listen, Access(), port=running.port)
     again.close()
+
+
+def test_the_plotting_library_is_the_published_one() -> None:
+    found = {
+        path: hashlib.sha256(FILES[path][0].read_bytes()).hexdigest()
+        for path in ('/uPlot.js', '/uPlot.css')
+    }
+    # uPlot 1.6.32 on the npm registry
+    assert found == {
+        '/uPlot.js': '19c8d4c6ad88929a79f4ae49d6f7161566dfd0ba3d15cc495e974f787eb78f1f',
+        '/uPlot.css': 'df630c6a8d6f8eeaff264b50f73ce5b114f646ffd9a0bb74f049b0a00135fa04',
+    }

@@ -21,7 +21,6 @@ from rpms_ros.report.recorded import recorded_messages
 from rpms_ros.report.result import IdentificationOptions, identified, result_of
 from rpms_ros.report.session import ReportSettings, SessionReport, headline_of, report_of
 from rpms_ros.schema import plain
-from rpms_ros.stimulation.limits.device_specification import load_device_specification
 
 START_NS = 1_700_000_000_000_000_000
 
@@ -84,8 +83,7 @@ def recording_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope='session')
 def report(recording_path: Path) -> SessionReport:
-    device = load_device_specification('rapid2-240v')
-    return _make_report(recording_path, ReportSettings(device=device, stated={'age': '34'}))
+    return _make_report(recording_path, ReportSettings(stated={'age': '34'}))
 
 
 @pytest.fixture(scope='session')

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a report tells: held-out fit, dose, checklist, traces, first screen."""
 
-import base64
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +16,6 @@ from rpms_ros.identification.catalogue import ESTIMATORS, estimator_by_name
 from rpms_ros.identification.quality.verdict import Verdict
 from rpms_ros.pulses import ForceTrace, PulseTrain
 from rpms_ros.recording import read_recording, write_recording
-from rpms_ros.report import page as pages
 from rpms_ros.report.dose import dose_of
 from rpms_ros.report.figures import draw
 from rpms_ros.report.page import as_page
@@ -108,75 +105,6 @@ def test_an_unknown_item_is_refused() -> None:
     dose = dose_of(PulseTrain.regular([], 20.0), 0)
     with pytest.raises(ReportError, match='got shoe_size'):
         checklist_of(dose, {}, {'shoe_size': '43'})
-
-
-def decoded(text: str) -> np.ndarray:
-    return np.frombuffer(base64.b64decode(text), '<f4')
-
-
-def test_a_short_session_is_kept_sample_by_sample(report: SessionReport) -> None:
-    found: dict[str, Any] = pages.force_traces(report.identified)
-    assert 'envelope' not in found
-    (window,) = found['windows']
-    # single precision: 24 bits
-    np.testing.assert_allclose(
-        decoded(window['measured']), report.identified.force, rtol=2**-23, atol=1e-9
-    )
-    assert decoded(window['time'])[-1] == pytest.approx(found['end'])
-
-
-def test_before_the_first_prediction_there_is_none(
-    report: SessionReport, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    late = report.identified.prediction.copy()
-    late[:1000] = 0.0
-    late[4000] = 0.0
-    session = replace(report.identified, prediction=late)
-    assert np.flatnonzero(np.isnan(session.shown_prediction)).tolist() == list(range(1000))
-    (window,) = pages.force_traces(session)['windows']
-    assert np.flatnonzero(np.isnan(decoded(window['modelled']))).tolist() == list(range(1000))
-    monkeypatch.setattr(pages, 'MOST_SAMPLES', 1000)
-    monkeypatch.setattr(pages, 'ENVELOPE_BINS', 50)
-    envelope = pages.force_traces(session)['envelope']
-    for name in ('modelled', 'residual'):
-        # five bins of 200 samples, a minimum and a maximum each
-        assert np.flatnonzero(np.isnan(decoded(envelope[name]))).tolist() == list(range(10))
-    assert np.isfinite(decoded(envelope['measured'])).all()
-
-
-def test_of_a_long_session_no_extreme_is_lost(
-    report: SessionReport, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(pages, 'MOST_SAMPLES', 1000)
-    monkeypatch.setattr(pages, 'ENVELOPE_BINS', 50)
-    monkeypatch.setattr(pages, 'WINDOW', 1.0)
-    force = report.identified.force.copy()
-    force[7321] = 99.0
-    found = pages.force_traces(replace(report.identified, force=force))
-    low, high = decoded(found['envelope']['measured']).reshape(-1, 2).T
-    time = decoded(found['envelope']['time'])
-    assert 2 * len(low) == 2 * len(high) == len(time) == 100
-    assert (np.diff(time) > 0).all()
-    assert (low <= high).all()
-    assert (low.min(), high.max()) == (np.float32(force.min()), np.float32(99.0))
-    assert [window['label'] for window in found['windows']] == ['start', 'largest residual', 'end']
-    worst = found['windows'][1]
-    assert worst['start'] <= 7.321 <= worst['start'] + 1.0
-    assert np.float32(99.0) in decoded(worst['measured'])
-
-
-@pytest.mark.parametrize('count', [pages.MOST_SAMPLES, 20 * pages.MOST_SAMPLES])
-def test_traces_leave_room_for_the_rest_of_a_page(report: SessionReport, count: int) -> None:
-    zeros = np.zeros(count)
-    session = replace(
-        report.identified,
-        stamp_ns=np.arange(count) * 200_000,
-        force=zeros,
-        prediction=zeros,
-        usable=np.ones(count, dtype=bool),
-    )
-    # of the 1.5 MB of a page
-    assert len(json.dumps(pages.force_traces(session))) < 850_000
 
 
 def test_a_dead_force_still_gives_a_report(
