@@ -42,8 +42,9 @@ _INFO_EXAMPLES = """\
   rpms info session/session_0.mcap --json
 """
 _VERIFY = """\
-Checks a recording, one line a finding: structure, checksums, signature, publishers, clock, gaps,
-doubles, values; and shows the hash of the session that results and reports carry.
+Checks a recording, one line a finding: structure, checksums, signature, publishers, lost messages,
+accepted schedules, pulses and force on one clock; and shows the hash of the session that results
+and reports carry.  Faults of the numbers are those of `rpms identify`.
 """
 _VERIFY_EXAMPLES = """\
   rpms verify session

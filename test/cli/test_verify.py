@@ -13,12 +13,11 @@ import numpy as np
 from rpms_ros import load
 from rpms_ros.pulses import ForceTrace, PulseTrain
 from rpms_ros.recording import read_recording, session_hash, write_recording
-from rpms_ros.recording.rosbag.verifying import PUBLISHERS_KEY
+from rpms_ros.recording.rosbag.verifying import LOST_KEY, PUBLISHERS_KEY
 
 Rpms = Callable[..., tuple[int, str, str]]
 MILLISECOND = 1_000_000
-CHECKS = ['structure', 'checksums', 'signature', 'publishers', 'schedule', 'clock', 'gaps']
-CHECKS += ['doubles', 'values', 'hash']
+CHECKS = ['structure', 'checksums', 'signature', 'publishers', 'lost', 'schedule', 'hash']
 KEY = b'a key of the laboratory'
 
 
@@ -75,35 +74,17 @@ def test_a_signature_is_checked(rpms: Rpms, tmp_path: Path) -> None:
     assert lines_of(out)['checksums'].startswith('FAULT')
 
 
-def test_what_is_wrong_with_a_session_is_named(rpms: Rpms, tmp_path: Path) -> None:
-    pulses, forces = session()
-    stamp_ns, force = forces.stamp_ns.copy(), forces.force.copy()
-    stamp_ns[300:] += 5 * MILLISECOND
-    stamp_ns[600:] -= 100 * MILLISECOND
-    force[7] = np.nan
-    intensity, width, sequence = (
-        pulses.intensity.copy(),
-        pulses.width.copy(),
-        pulses.sequence + 0,
-    )
-    intensity[3], width[4] = 1.5, 0.0
-    sequence[10:] += 2
-    sequence[15] = sequence[14]
-    bad = PulseTrain(pulses.onset_ns, intensity, sequence, width)
-    custom = {PUBLISHERS_KEY: json.dumps({'/force': 2, '/pulses': 1})}
-    write_recording(tmp_path / 'bag', bad, ForceTrace(stamp_ns, force), custom=custom)
+def test_what_the_recorder_noted_is_named(rpms: Rpms, tmp_path: Path) -> None:
+    custom = {
+        PUBLISHERS_KEY: json.dumps({'/force': 2, '/pulses': 1}),
+        LOST_KEY: json.dumps({'/force': 3}),
+    }
+    write_recording(tmp_path / 'bag', *session(), custom=custom)
     code, out, _ = rpms('verify', tmp_path / 'bag')
     found = lines_of(out)
     assert code == 1
     assert 'FAULT    /force had 2 publishers' in found['publishers']
-    assert 'the stamps of the force: 1 step back, the furthest by 0.099 s' in found['clock']
-    assert '1 gap in the force, about 5 samples missing, the longest 0.006 s' in found['gaps']
-    assert '3 pulses are missing in their numbering' in found['gaps']
-    assert '100 force samples with the stamp of another' in found['doubles']
-    assert '1 pulse with the number of the one before' in found['doubles']
-    assert '1 force: no finite number' in found['values']
-    assert '1 intensity outside 0 to 1, 1.5' in found['values']
-    assert '1 width: no time' in found['values']
+    assert 'FAULT    3 messages of /force were lost' in found['lost']
 
 
 def test_pulses_on_another_clock_are_a_fault(rpms: Rpms, tmp_path: Path) -> None:
