@@ -4,10 +4,6 @@
 
 import itertools
 import json
-import signal
-import subprocess
-import sys
-import textwrap
 
 import pytest
 
@@ -133,35 +129,6 @@ def test_anything_printable_or_not_is_kept_and_what_json_cannot_hold_is_refused(
     found = verify_log(path)
     assert found.intact
     assert [record.content.get('reason') for record in found.records] == [None, '\ud800\n\x00"']
-
-
-KILLED = """
-    import sys
-    from pathlib import Path
-    from rpms_ros.stimulation.records.append_only import AUDIT_LOG, ChainedFile
-    log = ChainedFile(Path(sys.argv[1]), AUDIT_LOG)
-    number = 0
-    while True:
-        log.append('arm', dict(pulse=number))
-        print(number, flush=True)
-        number += 1
-"""
-
-
-def test_what_append_returned_from_survives_a_kill(path):
-    for _ in range(3):
-        command = [sys.executable, '-c', textwrap.dedent(KILLED), str(path)]
-        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-            said = [process.stdout.readline() for _ in range(20)]
-            process.send_signal(signal.SIGKILL)
-            said.extend(process.stdout.readlines())
-        last = int(said[-1])
-        filled(path, 1)
-        found = verify_log(path)
-        assert found.intact
-        pulses = [r.content['pulse'] for r in found.records if r.content['kind'] == 'arm']
-        # one more may have been written than could be said
-        assert pulses[-1] in (last, last + 1)
 
 
 def test_a_log_that_cannot_be_written_says_so(path, tmp_path):
