@@ -160,6 +160,7 @@ def hostile(graph):
         setattr(estimate, name, [NASTY])
     for name in ('rate', 'rate_lower', 'rate_upper', 'change_ago', 'physiology'):
         setattr(estimate, name, [float('nan')])
+    estimate.rate, estimate.rate_lower = [float('inf')], [float('-inf')]
     status = DriverStatus(
         state=77, button_names=[NASTY], button_states=[9], time_left=float('nan')
     )
