@@ -26,7 +26,6 @@ from rpms_ros.cli.options import (
     verdict_settings,
     warn,
 )
-from rpms_ros.errors import ReportError
 from rpms_ros.report.text import write_text
 
 if TYPE_CHECKING:
@@ -35,13 +34,12 @@ if TYPE_CHECKING:
 _DESCRIPTION = """\
 Identifies a recording as `rpms identify` does and writes one self-contained page: recruitment,
 impulse response, time courses, force with zoom, residual analysis, held-out fit, faults,
-schedule and energy, session facts, and the fields of the rPMS reporting checklist.
+schedule and energy, session facts.
 """
 _EXAMPLES = """\
   rpms report bags/sample --out report.html
   rpms report session --files figures            PNG, SVG and JSON files beside the page
   rpms report session --json | jq .held_out      one JSON object on stdout
-  rpms report session --state 'coil_type=round' --state age=34
 """
 
 
@@ -59,8 +57,6 @@ def add_report(subparsers: Subparsers) -> None:
     add_option(parser, '--title TEXT', None, text)
     text = 'share of the time at the end that is predicted, not learnt from'
     add_option(parser, '--held-out SHARE', 0.2, text)
-    text = 'an item of the reporting checklist that the recording does not know'
-    add_option(parser, '--state ITEM=TEXT', [], text, action='append', type=str)
     add_reading_options(parser)
     add_estimator_options(parser)
     add_verdict_option(parser)
@@ -89,23 +85,6 @@ def run(arguments: argparse.Namespace) -> int:
     return verdict_code(verdict.grade, report.recording)
 
 
-def stated_items(texts: list[str]) -> dict[str, str]:
-    """Return what was stated as ``item=text``.
-
-    Raises
-    ------
-    ReportError
-        If one of the texts has no ``=``.
-    """
-    items = {}
-    for text in texts:
-        name, equals, value = text.partition('=')
-        if not equals:
-            raise ReportError(f'expected --state ITEM=TEXT, got {text!r}')
-        items[name.strip()] = value
-    return items
-
-
 def _report(arguments: argparse.Namespace) -> 'SessionReport':
     from rpms_ros.recording.importing import is_foreign
     from rpms_ros.report.recorded import RecordedMessages, recorded_messages
@@ -114,7 +93,6 @@ def _report(arguments: argparse.Namespace) -> 'SessionReport':
 
     settings = ReportSettings(
         held_out_share=arguments.held_out,
-        stated=stated_items(arguments.state),
         command=shlex.join(['rpms', *sys.argv[1:]]) if sys.argv[1:2] == ['report'] else '',
     )
     verdict, options = verdict_settings(arguments), identification_options(arguments)

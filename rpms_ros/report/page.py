@@ -60,7 +60,6 @@ SECTIONS = {
     'schedule': 'Schedule and energy',
     'session': 'Session',
     'methods': 'Methods, command and versions',
-    'checklist': 'rPMS reporting checklist',
 }
 
 

@@ -3,19 +3,12 @@
 """The report of one session, computed before anything is drawn; its fields are its JSON document.
 
 It is the result of the identification with its course over time, residuals, held-out fit, dose,
-facts of the recording, a sentence for a paper, and the rPMS reporting checklist.
-
-The checklist is the outcome of a Delphi study: Schneider, Zangrandi, Sollmann, Bonfert, Beaulieu
-and the rPMS Consensus Group, Front. Neurol. 13:852848, 2022 (doi 10.3389/fneur.2022.852848).  It
-has 35 items: 8 on the subject, 16 on the method, 11 on the stimulation protocol.  Named here are
-those in the abstract and at the beginning of Table 2 of the publication, in our own words:
-all 8 on the subject (those of the table on which at least three quarters agreed), 7 on the
-method, 2 on the protocol.  For the others see the publication.
+facts of the recording and a sentence for a paper.
 """
 
 import platform
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
@@ -51,124 +44,9 @@ from rpms_ros.report.result import (
 )
 from rpms_ros.schema import internal, plain
 
-SOURCE = (
-    'Schneider C, Zangrandi A, Sollmann N, Bonfert MV, Beaulieu LD, rPMS Consensus Group. '
-    'Checklist on the Quality of the Repetitive Peripheral Magnetic Stimulation (rPMS) Methods '
-    'in Research: An International Delphi Study. Front Neurol 13:852848, 2022. '
-    'doi:10.3389/fneur.2022.852848'
-)
 # Share of the time at the end whose a-priori residuals are analysed.
 _RESIDUAL_SHARE = 0.2
 _PACKAGES = ('numpy', 'scipy', 'numba', 'matplotlib')
-ITEMS_OF_THE_CONSENSUS = {'subject': 8, 'method': 16, 'protocol': 11}
-"""How many items each part of the published checklist has."""
-
-
-@dataclass(frozen=True)
-class ChecklistItem:
-    """One item of the checklist with its value.
-
-    Attributes
-    ----------
-    key : str
-        Name of the item in the notes of a recording and in the option of the command.
-    part : str
-        ``subject``, ``method`` or ``protocol``.
-    label : str
-        Question of the item.
-    value, origin : str or None
-        Value and where it comes from; None if it is not known.
-    """
-
-    key: str
-    part: str
-    label: str
-    value: str | None
-    origin: str | None
-
-
-_TEXTS = (
-    ('age', 'subject', 'Age'),
-    ('sex', 'subject', 'Sex, gender'),
-    ('handedness', 'subject', 'Handedness or footedness'),
-    ('condition', 'subject', 'Condition of this participant, such as affected side'),
-    ('medication', 'subject', 'Prescribed medication, drugs acting on the CNS'),
-    ('symptoms', 'subject', 'Symptoms of the condition and their intensity'),
-    ('comorbidity', 'subject', 'Comorbidity'),
-    ('exclusion_criteria', 'subject', 'Exclusion criteria related to rPMS'),
-    ('coil_location', 'method', 'Coil location, and how the place was found'),
-    ('coil_type', 'method', 'Coil type: size and geometry'),
-    ('coil_orientation', 'method', 'Coil orientation'),
-    ('current_direction', 'method', 'Direction of the induced current'),
-    ('coil_specifics', 'method', 'Technical data of the coil, such as peak field'),
-    ('stimulator', 'method', 'Type of stimulator'),
-    ('pulse_duration', 'method', 'Pulse duration'),
-    ('paradigm', 'protocol', 'Paradigm of stimulation'),
-    ('number_of_pulses', 'protocol', 'Number of pulses'),
-)
-ITEMS = tuple(ChecklistItem(*texts, None, None) for texts in _TEXTS)
-KEYS = tuple(item.key for item in ITEMS)
-
-
-def checklist_of(
-    dose: Dose, notes: Mapping[str, str], stated: Mapping[str, str]
-) -> list[ChecklistItem]:
-    """Return the items in their order, each with the best that is known.
-
-    Parameters
-    ----------
-    dose : Dose
-        Pulses of the recording.
-    notes : mapping of str to str
-        Notes of the recording.
-    stated : mapping of str to str
-        Values given by the user; they have priority.
-
-    Raises
-    ------
-    ReportError
-        If a given item is not in the checklist.
-    """
-    if unknown := sorted(set(stated) - set(KEYS)):
-        raise ReportError(
-            f'expected items of the checklist ({", ".join(KEYS)}), got {", ".join(unknown)}'
-        )
-    sources = {
-        'stated for this report': stated,
-        'notes in the recording': notes,
-        'pulses of the recording': _measured(dose),
-    }
-    found = []
-    for item in ITEMS:
-        known = {origin: one.get(item.key, '').strip() for origin, one in sources.items()}
-        origin = next((origin for origin, value in known.items() if value), None)
-        found.append(replace(item, value=origin and known[origin], origin=origin))
-    return found
-
-
-def _measured(dose: Dose) -> dict[str, str]:
-    """Return the items that follow from the pulses."""
-    if dose.intensity is None:
-        return {}
-    paradigm = f'{dose.trains} train{"s" if dose.trains > 1 else ""}'
-    if dose.rate_hz:
-        paradigm += f' at {dose.rate_hz["median"]:.4g} Hz (median)'
-    intensity = _range(dose.intensity['lowest'], dose.intensity['highest'], 100.0, '%')
-    known = {
-        'number_of_pulses': str(dose.pulses),
-        'paradigm': f'{paradigm}, {dose.stimulated_s:.4g} s within trains, intensity {intensity}',
-    }
-    if dose.pulse_width_s:
-        widths = dose.pulse_width_s[0], dose.pulse_width_s[-1]
-        known['pulse_duration'] = _range(*widths, 1e6, 'µs')
-    return known
-
-
-def _range(low: float, high: float, scale: float, unit: str) -> str:
-    first, last = f'{scale * low:.4g}', f'{scale * high:.4g}'
-    return f'{first} {unit}' if first == last else f'{first} to {last} {unit}'
-
-
 SHARES_SHOWN = (0.5, 1.0)
 # Force not caused by the stimulation is mentioned above this share of the range of the force.
 _EFFORT = 0.05
@@ -262,14 +140,11 @@ class ReportSettings:
     ----------
     held_out_share : float
         Share of the time at the end that is predicted and not learnt from.
-    stated : mapping of str to str
-        Items of the checklist given by the user.
     command : str
         The command line that makes the report; empty if there is none.
     """
 
     held_out_share: float = HELD_OUT_SHARE
-    stated: Mapping[str, str] = field(default_factory=dict)
     command: str = ''
 
 
@@ -305,8 +180,6 @@ class SessionReport:
         Totals that a driver published.
     session : dict
         Facts of the recording.
-    checklist : dict
-        Items of the reporting checklist and their source.
     methods : dict
         Sentence for a paper, command, versions.
     remarks : list of str
@@ -333,7 +206,6 @@ class SessionReport:
     schedule: Dose
     driver: DriverTotals | None
     session: dict[str, Any]
-    checklist: dict[str, Any]
     methods: dict[str, Any]
     remarks: list[str]
     recording: Recording = internal()
@@ -377,14 +249,13 @@ def report_of(
     Raises
     ------
     ReportError
-        If a share is not between 0 and 1, or a given item is not in the checklist.
+        If the held-out share is not between 0 and 1.
     """
     settings = settings or ReportSettings()
     notes, course = recording.facts.custom, course_of(session)
     dose = dose_of(recording.pulses, int(session.stamp_ns[0]))
     truth = known_muscle(recorded.truths, notes, session.last.repetition_rate)
     judgement = truth and truth.judged(course)
-    items = checklist_of(dose, notes, settings.stated)
     remarks = list(result.notes)
     try:
         residuals = _residuals(session, recording)
@@ -412,11 +283,6 @@ def report_of(
         schedule=dose,
         driver=recorded.driver,
         session=_facts(recording, session, recorded),
-        checklist={
-            'source': SOURCE,
-            'items_of_the_consensus': ITEMS_OF_THE_CONSENSUS,
-            'items': items,
-        },
         methods={
             'sentence': _sentence(result, dose),
             'command': settings.command or None,

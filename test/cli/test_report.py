@@ -48,14 +48,13 @@ def test_what_is_stated_goes_into_the_page(
     rpms: Rpms, short_session: Path, tmp_path: Path
 ) -> None:
     page = tmp_path / 'report.html'
-    stated = ('--state', 'age=34', '--state', 'coil_specifics=2 T = peak', '--title', 'Leg 7')
-    code, out, err = rpms('report', short_session, '--out', page, *stated, '--held-out', '0.5')
+    code, out, err = rpms(
+        'report', short_session, '--out', page, '--title', 'Leg 7', '--held-out', '0.5'
+    )
     assert (code, err) == (0, '')
     assert out.startswith('verdict good: the identified muscle explains')
     assert f'\n{page}: ' in out
     document = embedded(page.read_text(), 'report')
-    items = {item['key']: item['value'] for item in document['checklist']['items']}
-    assert (items['age'], items['coil_specifics']) == ('34', '2 T = peak')
     assert document['title'] == 'Leg 7'
     assert document['held_out']['held_out_s'] == pytest.approx(5.0, abs=2e-3)
 
@@ -63,8 +62,6 @@ def test_what_is_stated_goes_into_the_page(
 @pytest.mark.parametrize(
     ('arguments', 'expected'),
     [
-        (['--state', 'age'], "expected --state ITEM=TEXT, got 'age'"),
-        (['--state', 'shoe=43'], 'expected items of the checklist'),
         (['--held-out', '1'], 'expected to hold out a share between 0 and 1, got 1.0'),
         (['--estimator', 'oracle'], 'expected an estimator of'),
     ],

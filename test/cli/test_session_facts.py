@@ -126,8 +126,6 @@ def test_a_report_holds_hash_and_schedule_and_takes_widths_that_are_no_number(
     assert 'warm-up: 200 pulses' in visible
     report = embedded(page, 'report')
     assert report['schedule']['pulse_width_s'] == []
-    width = next(item for item in report['checklist']['items'] if item['key'] == 'pulse_duration')
-    assert width['value'] is None
 
 
 def test_every_command_that_reads_keeps_to_its_memory(

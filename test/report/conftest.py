@@ -83,7 +83,7 @@ def recording_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope='session')
 def report(recording_path: Path) -> SessionReport:
-    return _make_report(recording_path, ReportSettings(stated={'age': '34'}))
+    return _make_report(recording_path)
 
 
 @pytest.fixture(scope='session')

@@ -108,7 +108,7 @@ def test_every_section_is_there_and_linked(page: str, checked: Checker) -> None:
     for key, heading in SECTIONS.items():
         assert checked.ids[key] == 1
         assert f'<a href="#{key}">{heading}</a>' in page
-    assert len(SECTIONS) == 11
+    assert len(SECTIONS) == 10
     assert checked.tags['img'] == len(FIGURES)
 
 

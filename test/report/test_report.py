@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What a report tells: held-out fit, dose, checklist, traces, first screen."""
+"""What a report tells: held-out fit, dose, first screen."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -22,7 +22,6 @@ from rpms_ros.report.page import as_page
 from rpms_ros.report.residuals import FrozenFrom, boundary
 from rpms_ros.report.session import (
     SessionReport,
-    checklist_of,
     headline_of,
 )
 from rpms_ros.schema import plain
@@ -82,29 +81,6 @@ def test_trains_rates_and_energy_are_those_of_the_pulses() -> None:
     assert found.stimulated_s == pytest.approx(0.25)
     assert found.rate_hz == pytest.approx({'lowest': 10.0, 'median': 10.0, 'highest': 20.0})
     assert found.full_intensity_pulses == pytest.approx(3.5)
-
-
-def test_the_checklist_takes_the_best_that_is_known() -> None:
-    dose = dose_of(PulseTrain.regular(np.full(40, 0.6), 20.0), 0)
-    notes = {'coil_type': ' round ', 'age': '40', 'number_of_pulses': ''}
-    entries = {one.key: one for one in checklist_of(dose, notes, {'age': '41'})}
-    assert (entries['age'].value, entries['age'].origin) == ('41', 'stated for this report')
-    assert (entries['coil_type'].value, entries['coil_type'].origin) == (
-        'round',
-        'notes in the recording',
-    )
-    assert entries['number_of_pulses'].value == '40'
-    assert entries['pulse_duration'].value == '100 µs'
-    assert entries['paradigm'].value == (
-        '1 train at 20 Hz (median), 1.95 s within trains, intensity 60 %'
-    )
-    assert entries['sex'].value is entries['sex'].origin is None
-
-
-def test_an_unknown_item_is_refused() -> None:
-    dose = dose_of(PulseTrain.regular([], 20.0), 0)
-    with pytest.raises(ReportError, match='got shoe_size'):
-        checklist_of(dose, {}, {'shoe_size': '43'})
 
 
 def test_a_dead_force_still_gives_a_report(
