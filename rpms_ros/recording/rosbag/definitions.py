@@ -12,7 +12,7 @@ length of that string is known, and records of one such length are an array of o
 rosbags, which decodes one message after the other, takes minutes for an hour at 1 kHz.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from itertools import islice
@@ -85,31 +85,6 @@ def written_definition(type_name: str) -> tuple[str, str]:
         raise RecordingError(f'expected a known message type, got {type_name}')
     text, _ = store.generate_msgdef(type_name, ros_version=2)
     return text, store.hash_rihs01(type_name)
-
-
-def described_type(type_name: str, text_of: Callable[[str], str]) -> tuple[str, str]:
-    """Return text and hash of a type that the package does not know, as a recording carries them.
-
-    Parameters
-    ----------
-    type_name : str
-        Name of the message.
-    text_of : callable
-        Returns the definition of a type by its name.
-    """
-    store = get_typestore(Stores.ROS2_JAZZY)
-    waiting = [type_name]
-    found: Types = {}
-    while waiting:
-        name = waiting.pop()
-        if name in store.fielddefs or name in found:
-            continue
-        found.update(get_types_from_msg(text_of(name), name))
-        fields = [detail for _, (_, detail) in found[name][1]]
-        parts = [detail[0][1] if isinstance(detail[0], tuple) else detail for detail in fields]
-        waiting += [part for part in parts if isinstance(part, str)]
-    store.register(found)
-    return store.generate_msgdef(type_name, ros_version=2)[0], store.hash_rihs01(type_name)
 
 
 @cache

@@ -190,13 +190,7 @@ class RecordingWriter:
         except _REFUSALS as error:
             raise self._error(error) from error
 
-    def add_topic(
-        self,
-        name: str,
-        type_name: str,
-        qos: Sequence[Qos] = (),
-        definition: tuple[str, str] | None = None,
-    ) -> int:
+    def add_topic(self, name: str, type_name: str, qos: Sequence[Qos] = ()) -> int:
         """Return the number of a new topic, for `append`.
 
         Parameters
@@ -205,10 +199,8 @@ class RecordingWriter:
             Topic and type of its messages.
         qos : sequence of Qos
             Quality of service that its publishers offer.
-        definition : (str, str), optional
-            Text and hash of the type, if it is not one that the package knows.
         """
-        text, digest = definition or written_definition(type_name)
+        text, digest = written_definition(type_name)
         entry = TopicEntry(Channel(name, type_name, text), digest, qos)
         try:
             number = self._file.add_topic(entry)
