@@ -309,7 +309,7 @@ class BasisChoice:
         for one in trials:
             # likelihoods are comparable only if all weight the samples alike
             one.most_inflation = 1.0
-            steps = _ROUGH_STEPS if rough and one is alike else _STEPS
+            steps = _ROUGH_STEPS if rough else _STEPS
             gauss_newton_steps(problem, one, self.knowledge, window, steps)
         return max(trials, key=lambda one: one.likelihood)
 
@@ -318,9 +318,11 @@ class BasisChoice:
 _CHOICES_S = (1.0, 3.0, 7.0, 16.0, 32.0)
 _PERIOD_S = 32.0
 # Where all seems well it is compared with its neighbours only, but so often with all that people
-# have.  Where residuals are alike it is compared sooner.
+# have.  Where residuals are alike it is compared sooner, and then each time after twice the time:
+# what no basis explains is not the basis.
 _GRIDS = 4
 _AGAIN_NS = 3 * NANOSECONDS_PER_SECOND
+_LONGEST_WAIT = 4
 # After the first pulse, if no response shows.
 _UNSEEN_NS = 2 * NANOSECONDS_PER_SECOND
 _NEVER_NS = -(2**62)
@@ -346,9 +348,10 @@ class BasisSchedule(Restorable):
     _stimulated_ns: int | None
     _choices: int
     _compared_ns: int
+    _in_vain: int
 
     def __init__(self) -> None:
-        self._choices = 0
+        self._choices = self._in_vain = 0
         self.forget()
 
     @property
@@ -389,9 +392,13 @@ class BasisSchedule(Restorable):
         seconds = (now_ns - since_ns) / NANOSECONDS_PER_SECOND
         done = self._choices
         due = _CHOICES_S[done] if done < len(_CHOICES_S) else _PERIOD_S * (done - 3)
+        if not alike:
+            self._in_vain = 0
         if seconds >= due:
             self._choices += 1
-        elif not alike or now_ns < self._compared_ns + _AGAIN_NS:
+        elif not alike or now_ns < self._compared_ns + (_AGAIN_NS << self._in_vain):
             return None
+        else:
+            self._in_vain = min(self._in_vain + 1, _LONGEST_WAIT)
         self._compared_ns = now_ns
         return Search.EVERYWHERE if done < _GRIDS or alike else Search.NEIGHBOURS
