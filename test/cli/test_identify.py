@@ -266,8 +266,8 @@ def test_what_is_known_is_saved_and_started_from(
     load(state, stream)
     assert stream.estimate().samples == 10_000
     warm = as_json('identify', short_session, *options, '--start-from', state)
-    # It has been right from the first pulse on.
-    assert warm['output_error_n'] <= plain['output_error_n']
+    # It has been right from the first pulse on; once settled both are, but for rounding.
+    assert warm['output_error_n'] <= (1.0 + 1e-6) * plain['output_error_n']
     code, _, err = rpms('identify', short_session, '--start-from', state)
     assert code == 2
     assert 'expected an estimator that can start from an earlier session' in err

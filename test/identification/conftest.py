@@ -123,3 +123,9 @@ def numpy_recursion(module_at) -> ModuleType:
 def living_sessions(beside) -> ModuleType:
     """The module of sessions in the folder of all tests: `session`, `SUBJECT`."""
     return beside('living_sessions')
+
+
+@pytest.fixture(scope='session')
+def league(module_at) -> ModuleType:
+    """Muscles of other kinds than the model's: `session`."""
+    return module_at(Path(__file__).parents[2] / 'bench' / 'league.py')

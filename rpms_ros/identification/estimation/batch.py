@@ -39,7 +39,7 @@ from rpms_ros.identification.estimation.window_fit import (
 )
 from rpms_ros.identification.model.estimate import DEFAULT_RATE, Estimate
 from rpms_ros.identification.model.recruitment import NONLINEAR
-from rpms_ros.identification.quality.doubts import NO_CONSTANT_MUSCLE, REASON
+from rpms_ros.identification.quality.doubts import NO_CONSTANT_MUSCLE, REASON, RESPONSE_MISFIT
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, nanoseconds
 
 _FIRST_FIT_NS = NANOSECONDS_PER_SECOND
@@ -244,24 +244,13 @@ class BatchEstimator(ProjectionEstimator):
             return False
         self._compared_ns = strong_ns
         knowledge, origin = self._of_any_shape(self._prior), no_change(present.functions)
-        window = Window(first_ns, self._last_ns, INTERVAL_NS, CONSTANT, 0, 0.0, origin)
+        span = first_ns, self._last_ns, INTERVAL_NS, CONSTANT
+        window = Window(*span, 0, 0.0, origin)
         fit = fresh_fit(theta, present.functions)
         if present == self._basis:
             fit = replace(self._window, levels=np.zeros(2), first=0)
         gauss_newton_steps(problem, fit, knowledge, window, _CHOICE_STEPS)
-        choice = BasisChoice(
-            self._raw,
-            present,
-            fit,
-            knowledge,
-            first_ns,
-            self._last_ns,
-            INTERVAL_NS,
-            CONSTANT,
-            0.0,
-            origin,
-            None,
-        )
+        choice = BasisChoice(self._raw, present, fit, knowledge, *span, 0.0, origin, None)
         self._searches += everywhere
         basis = choice.better(everywhere)
         self._basis_spread = choice.spread(basis)
@@ -294,16 +283,17 @@ class BatchEstimator(ProjectionEstimator):
 
 _PART_NS = 5_000_000_000
 _LEAST_PART_SAMPLES = 200.0
-# What a part's own muscle explains better, as a share of the force (root mean square).  A steady
-# muscle with 0.5 % noise has 0.5 % at the most, a move of the coil 13 %.
-_SHARE = 0.01
+# What a part's own muscle explains better, as a share of the force (root mean square), of a muscle
+# that has changed (a move of the coil has 13 %), and of one whose pulses do not add up as in the
+# model.  Muscles of the model's kind have 0.1 % at the most where it is significant.
+_CHANGED, _MISFIT = 0.01, 0.002
 # The same as a multiple of the variance that noise alone would give, 11 in the mean.
 _SIGNIFICANT = 100.0
 _ROUNDING = 1e-9
 
 
 def examined(estimate: Estimate, problem: Problem, point: Point) -> Estimate:
-    """Return the estimate of a fit, with a doubt and its reason if the muscle changed.
+    """Return the estimate of a fit, with a doubt and its reason if parts of it disagree.
 
     Parameters
     ----------
@@ -312,26 +302,27 @@ def examined(estimate: Estimate, problem: Problem, point: Point) -> Estimate:
     problem, point : Problem, Point
         Blocks of the recording, and the muscle of their fit.
     """
-    if not estimate.curve_known or is_constant(problem, point):
+    doubt = doubt_of_parts(problem, point) if estimate.curve_known else ''
+    if not doubt:
         return estimate
     return replace(
         estimate,
-        doubts=(*estimate.doubts, NO_CONSTANT_MUSCLE),
-        reasons=(*estimate.reasons, REASON[NO_CONSTANT_MUSCLE]),
+        doubts=(*estimate.doubts, doubt),
+        reasons=(*estimate.reasons, REASON[doubt]),
     )
 
 
-def is_constant(problem: Problem, point: Point) -> bool:
-    """Return whether no part of a recording asks for a muscle of its own.
+def doubt_of_parts(problem: Problem, point: Point) -> str:
+    """Return the doubt of a recording some part of which asks for a muscle of its own, or nothing.
 
     Parameters
     ----------
     problem, point : Problem, Point
         Blocks of the recording, and the muscle of their fit.
     """
-    return not any(
-        share > _SHARE and gain > _SIGNIFICANT for share, gain in unexplained(problem, point)
-    )
+    parts = unexplained(problem, point)
+    share = parts[parts[:, 1] > _SIGNIFICANT, 0].max(initial=0.0) if len(parts) else 0.0
+    return NO_CONSTANT_MUSCLE if share > _CHANGED else RESPONSE_MISFIT if share > _MISFIT else ''
 
 
 def unexplained(problem: Problem, point: Point) -> FloatArray:

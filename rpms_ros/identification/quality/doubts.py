@@ -151,8 +151,8 @@ REASON: Mapping[str, str] = {
     BAND_WIDER_THAN_CURVE: 'the interval of the curve is wider than the curve is high',
     NO_CONSTANT_MUSCLE: 'no constant muscle explains the whole recording: it tired, the coil '
     'moved or the patient tensed it, and the numbers are a mixture',
-    RESPONSE_MISFIT: 'the prediction errors follow the pulses: the response is not one of the '
-    'model, or the muscle changes',
+    RESPONSE_MISFIT: 'what is left of the force follows the pulses: the response is not one of '
+    'the model, pulses do not add up as in it, or the muscle changes',
     RESIDUALS_ALIKE: 'what the muscle leaves of neighbouring samples is alike, as with a '
     'sensor that filters its noise: the curve may be wrong by more than its interval',
     CLOCKS_DIFFER: 'the stamps of force and pulses do not belong together',

@@ -7,14 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import rpms_ros
 from rpms_ros.identification import estimator_by_name
-from rpms_ros.identification.estimation.batch import BatchEstimator, is_constant, unexplained
+from rpms_ros.identification.estimation.batch import BatchEstimator, unexplained
 from rpms_ros.identification.estimation.settings import ProjectionSettings
 from rpms_ros.identification.estimation.uncertainty import ResidualSums, identifiability
 from rpms_ros.identification.model.basis import LaguerreBasis
 from rpms_ros.identification.model.estimate import CONVERGED, INFORMED, NOT_INFORMED
 from rpms_ros.identification.model.physiology import PHYSIOLOGY_NAMES
-from rpms_ros.identification.quality.doubts import NO_CONSTANT_MUSCLE, REASON
+from rpms_ros.identification.quality.doubts import NO_CONSTANT_MUSCLE, REASON, RESPONSE_MISFIT
 from rpms_ros.muscle import Contraction, Subject, simulation_subject
 
 SETTINGS = ProjectionSettings(basis=LaguerreBasis(7, 38e-3, 0.0))
@@ -102,10 +103,9 @@ def test_a_steady_muscle_is_constant_under_a_sensor_that_drifts(living_sessions,
 def test_a_muscle_that_changed_is_said_not_to_be_constant(
     living_sessions, kind, seconds, excitation
 ):
-    estimator, estimate = fitted(living_sessions.session(kind, excitation, 0, seconds))
+    _, estimate = fitted(living_sessions.session(kind, excitation, 0, seconds))
     assert NO_CONSTANT_MUSCLE in estimate.doubts
     assert REASON[NO_CONSTANT_MUSCLE] in estimate.reasons
-    assert not is_constant(estimator._problem, estimator._window.point)
 
 
 @pytest.mark.long
@@ -122,9 +122,15 @@ def test_a_clock_that_jumps_back_is_no_change_of_the_muscle(living_sessions):
     assert len(unexplained(estimator._problem, estimator._window.point)) > 3
 
 
-def test_nothing_recorded_is_constant():
-    estimator = estimator_by_name('batch')
-    assert is_constant(estimator._problem, estimator._window.point)
+@pytest.mark.long
+def test_pulses_that_do_not_add_up_as_in_the_model_are_doubted(league):
+    """Units that sum by calcium: 99.99 % are explained, and the curve is wrong by its band."""
+    (time, force, onset, intensity), truth = league.session('ding', 'sinusoid', 0)
+    found = rpms_ros.from_arrays(time, force, onset, intensity).identify()
+    last = found.estimates.last
+    assert np.abs(last.curve_force - truth).max() > 0.02 * truth.max()
+    assert last.doubts == (RESPONSE_MISFIT,)
+    assert found.verdict.grade == 'doubtful'
 
 
 MISSING_NOISE = 0.05
