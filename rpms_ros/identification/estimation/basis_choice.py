@@ -22,7 +22,6 @@ from rpms_ros.identification.estimation.blocks import COUNT
 from rpms_ros.identification.estimation.intake import RawSamples
 from rpms_ros.identification.estimation.prior import Knowledge
 from rpms_ros.identification.estimation.tremor import SEARCHED_NS, line_in
-from rpms_ros.identification.estimation.window_equations import Origin
 from rpms_ros.identification.estimation.window_fit import (
     Scales,
     Window,
@@ -132,16 +131,8 @@ class BasisChoice:
         Of the present basis: where the others begin.
     knowledge : Knowledge
         Physiology alone: what was learnt with one basis says little of another.
-    first_ns, now_ns : int
-        First and newest sample [ns].
-    length_ns : int
-        Length of an interval [ns].
-    spacing : float
-        Distance of the knots of a slow change, in intervals.
-    lag : float
-        How long after its pulse the force acts in the mean, in intervals.
-    origin : Origin
-        The change at which the window begins, if there was one.
+    window : Window
+        The samples to explain.
     rates_hz : ndarray (rates,) or None
         Repetition rates of the newest pulses; None if a tremor has been taken off.
     """
@@ -150,12 +141,7 @@ class BasisChoice:
     basis: LaguerreBasis
     fit: WindowFit
     knowledge: Knowledge
-    first_ns: int
-    now_ns: int
-    length_ns: int
-    spacing: float
-    lag: float
-    origin: Origin
+    window: Window
     rates_hz: FloatArray | None
     _found: dict[tuple[LaguerreBasis, bool], BasisFit] = field(default_factory=dict)
 
@@ -180,7 +166,8 @@ class BasisChoice:
         best = self._middle(best, tried)
         gain = self._likelihood(best) - self._likelihood(basis)
         fit = self.explained(best).fit
-        least = _EARLY_DECISION if self.now_ns - self.first_ns < _EARLY_NS else _DECISION
+        length_ns = self.window.now_ns - self.window.first_ns
+        least = _EARLY_DECISION if length_ns < _EARLY_NS else _DECISION
         if fit.scales.disturbance >= LIVELY:
             least = _LIVELY_DECISION
         return best if gain > least * min(fit.inflation, self.fit.most_inflation) else basis
@@ -256,7 +243,7 @@ class BasisChoice:
             return alone
         muscle = basis, fit.point.theta, fit.point.linear
         # before the window the muscle may have been another
-        searched_ns = max(self.now_ns - SEARCHED_NS, self.first_ns)
+        searched_ns = max(self.window.now_ns - SEARCHED_NS, self.window.first_ns)
         stamp_ns, _, rest = self.raw.rest(*muscle, searched_ns)
         hertz = line_in(stamp_ns, rest, self.rates_hz)
         if hertz == 0.0:
@@ -274,9 +261,9 @@ class BasisChoice:
         does not find its way to a quiet one, nor the other way round, so both are tried; and where
         the present fit hangs, one from the beginning with each.
         """
-        present = self.fit
+        present, window = self.fit, self.window
         theta, functions = present.point.theta, len(present.point.linear)
-        problem, _, _ = raw.condensed(basis, theta, np.zeros(functions), self.first_ns)
+        problem, _, _ = raw.condensed(basis, theta, np.zeros(functions), window.first_ns)
         blocks, first = problem.blocks, problem.first
         nothing = fresh_fit(theta, functions)
         if int(blocks.size[0]) < 2:
@@ -286,12 +273,10 @@ class BasisChoice:
         if first > 0 and blocks.moments[first - 1, COUNT] > 0.0:
             problem = problem._replace(first=first - 1)
         begin_ns = int(blocks.start_ns[problem.first])
-        knots = int((self.now_ns - begin_ns) / (self.spacing * self.length_ns) + 0.5)
+        knots = int((window.now_ns - begin_ns) / (window.spacing * window.length_ns) + 0.5)
         matrix = conversion(self.basis, basis)
-        origin = self.origin._replace(linear=matrix @ self.origin.linear)
-        window = Window(
-            begin_ns, self.now_ns, self.length_ns, self.spacing, knots, self.lag, origin
-        )
+        origin = window.origin._replace(linear=matrix @ window.origin.linear)
+        window = replace(window, first_ns=begin_ns, knots=knots, origin=origin)
         linear = matrix @ present.point.linear
         alike = replace(
             present,

@@ -244,13 +244,12 @@ class BatchEstimator(ProjectionEstimator):
             return False
         self._compared_ns = strong_ns
         knowledge, origin = self._of_any_shape(self._prior), no_change(present.functions)
-        span = first_ns, self._last_ns, INTERVAL_NS, CONSTANT
-        window = Window(*span, 0, 0.0, origin)
+        window = Window(first_ns, self._last_ns, INTERVAL_NS, CONSTANT, 0, 0.0, origin)
         fit = fresh_fit(theta, present.functions)
         if present == self._basis:
             fit = replace(self._window, levels=np.zeros(2), first=0)
         gauss_newton_steps(problem, fit, knowledge, window, _CHOICE_STEPS)
-        choice = BasisChoice(self._raw, present, fit, knowledge, *span, 0.0, origin, None)
+        choice = BasisChoice(self._raw, present, fit, knowledge, window, None)
         self._searches += everywhere
         basis = choice.better(everywhere)
         self._basis_spread = choice.spread(basis)

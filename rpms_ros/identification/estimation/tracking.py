@@ -33,7 +33,6 @@ from rpms_ros.identification.estimation.change_detection import (
     Alert,
     ChangeWatch,
     Explanation,
-    FoundChange,
     first_block_after,
     origin_of,
     snapshot,
@@ -71,8 +70,14 @@ from rpms_ros.identification.model.recruitment import (
     PARAMETERS,
     coordinates,
     from_coordinates,
+    recruitment_curve,
 )
-from rpms_ros.identification.quality.doubts import PULSES_TOO_FREQUENT, REASON, RESIDUALS_ALIKE
+from rpms_ros.identification.quality.doubts import (
+    DISTURBANCE_FOLLOWS,
+    PULSES_TOO_FREQUENT,
+    REASON,
+    RESIDUALS_ALIKE,
+)
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray
 from rpms_ros.saved_state import Restorable
 
@@ -87,18 +92,19 @@ _LIVELY = 6
 # which is 1.1 at most once it is known: a lively disturbance then takes up what is the muscle's.
 _DOUBTED_INFLATION = 1.5
 _WIDE = 0.05
+# The disturbance counts as following the intensity if its course, smoothed over so many intervals,
+# explains this share of its variance, and moves it by this share of the force at full intensity;
+# in less than twenty seconds any course does.
+_SMOOTHED, _LEAST_COMPARED, _EXPLAINED, _FOLLOWED = 8, 160, 0.5, 0.02
 
 
 def described_fit(
     estimate: Estimate,
     fit: WindowFit,
-    found: Sequence[FoundChange],
-    count: int,
-    deliberating: bool,
-    knot_s: float,
-    interval_s: float,
+    watch: ChangeWatch,
     area: FloatArray,
     tremor: Tremor,
+    problem: Problem,
 ) -> Estimate:
     """Return the estimate with rates, changes, disturbance, doubts and reasons added.
 
@@ -108,25 +114,24 @@ def described_fit(
         The muscle now.
     fit : WindowFit
         Where the fit of the window stands.
-    found : sequence of FoundChange
-        The newest changes.
-    count : int
-        How many changes there were.
-    deliberating : bool
-        Whether the newest samples are not learnt from for the moment.
-    knot_s, interval_s : float
-        Distance of the knots of gain and slowing, and length of an interval [s].
+    watch : ChangeWatch
+        Changes that were found.
     area : ndarray (functions,)
         Integrals of the functions [s^1/2].
     tremor : Tremor
         What is taken off the samples.
+    problem : Problem
+        Blocks of the window.
     """
-    names, rate, deviation = _rates(fit, knot_s, interval_s, area)
-    half = (
-        float(ndtri(0.5 + 0.5 * estimate.confidence)) * deviation if estimate.confidence else 0.0
-    )
-    rest = _rest_level(fit.levels)
-    doubts = (RESIDUALS_ALIKE,) if estimate.curve_known and _leaves_alike(fit) else ()
+    names, rate, deviation = _rates(fit, area)
+    half = float(ndtri(0.5 + 0.5 * estimate.confidence)) * deviation
+    rest = float(np.median(fit.levels))
+    doubts: tuple[str, ...] = ()
+    if estimate.curve_known:
+        full = float(np.abs(estimate.curve_force).max())
+        follows = DISTURBANCE_FOLLOWS, follows_intensity(problem, fit, full)
+        found_doubts = (RESIDUALS_ALIKE, _leaves_alike(fit)), follows
+        doubts = tuple(name for name, holds in found_doubts if holds)
     return replace(
         estimate,
         doubts=(*estimate.doubts, *doubts),
@@ -134,24 +139,46 @@ def described_fit(
         rate=rate,
         rate_lower=rate - half,
         rate_upper=rate + half,
-        changes=count,
-        change_kinds=tuple(one.kind for one in found),
-        change_ago=np.array([1e-9 * (estimate.stamp_ns - one.stamp_ns) for one in found]),
+        changes=watch.count,
+        change_kinds=tuple(one.kind for one in watch.found),
+        change_ago=np.array([1e-9 * (estimate.stamp_ns - one.stamp_ns) for one in watch.found]),
         disturbance=float(fit.levels[-1]) - rest,
-        disturbance_deviation=_level_deviation(fit, estimate.stamp_ns * 1e-9 / interval_s),
-        reasons=(*_reasons(estimate, fit, deliberating, tremor), *(REASON[one] for one in doubts)),
+        disturbance_deviation=_level_deviation(fit, estimate.stamp_ns / INTERVAL_NS),
+        reasons=(
+            *_reasons(estimate, fit, watch.deliberating, tremor),
+            *(REASON[one] for one in doubts),
+        ),
     )
+
+
+def follows_intensity(problem: Problem, fit: WindowFit, full: float) -> bool:
+    """Tell whether the disturbance runs with the intensity, by a share of a force `full` [N].
+
+    An effort that does so, as under a slow sinusoid, cannot be told from recruitment.
+    """
+    blocks, levels = problem.blocks, fit.levels
+    order = ring_order(blocks)[problem.first :]
+    count = len(levels)
+    if count < _LEAST_COMPARED:
+        return False
+    place = np.clip(blocks.start_ns[order] // INTERVAL_NS - fit.first, 0, count - 1)
+    smooth, columns = np.full(_SMOOTHED, 1.0 / _SMOOTHED), [np.ones(count), np.arange(count)]
+    given = blocks.intensity[order]
+    for drive in (given, recruitment_curve(given, fit.point.theta)[0]):
+        course = np.convolve(np.bincount(place, drive, count), smooth, 'same')
+        # a sinusoid of another phase is a sum of both
+        columns += [course, np.gradient(course)]
+    matrix = np.column_stack(columns)
+    part = matrix @ np.linalg.lstsq(matrix, levels, rcond=None)[0]
+    straight = np.polynomial.Polynomial.fit(columns[1], levels, 1)(columns[1])
+    explained = 1.0 - np.var(levels - part) / max(float(np.var(levels - straight)), 1e-300)
+    return bool(explained > _EXPLAINED and np.ptp(part - straight) > _FOLLOWED * full)
 
 
 def _leaves_alike(fit: WindowFit) -> bool:
     """Tell whether neighbouring residuals are alike, and more than the model's own error."""
     left = fit.misfit * fit.weighting_variance
     return fit.inflation > _DOUBTED_INFLATION and left > 0.5 * fit.variance
-
-
-def _rest_level(levels: FloatArray) -> float:
-    """Return the level of the disturbance without effort [N]."""
-    return float(np.median(levels)) if len(levels) else 0.0
 
 
 def _level_deviation(fit: WindowFit, now: float) -> float:
@@ -161,9 +188,7 @@ def _level_deviation(fit: WindowFit, now: float) -> float:
     return math.hypot(fit.level_deviation, slope * min(behind, 4.0))
 
 
-def _rates(
-    fit: WindowFit, knot_s: float, interval_s: float, area: FloatArray
-) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
+def _rates(fit: WindowFit, area: FloatArray) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
     """Return names, rates a minute and their standard deviations; nothing without a past."""
     knots = len(fit.point.gain)
     if not knots:
@@ -173,11 +198,11 @@ def _rates(
     steady = float(area @ fit.point.linear)
     by_slowing = float(area @ time_scale_derivative(fit.point.linear)) / steady if steady else 0.0
     # the parameters are past minus present: a force that was larger has fallen
-    scale = 100.0 * _MINUTE / knot_s
+    scale = 100.0 * _MINUTE / _KNOT_S
     matrix = np.zeros((len(RATE_NAMES), len(fit.covariance)))
     matrix[0, base], matrix[0, base + knots] = -scale, -scale * by_slowing
     matrix[1, base + knots] = -scale
-    matrix[2, -2] = matrix[3, -1] = -_MINUTE / interval_s
+    matrix[2, -2] = matrix[3, -1] = -_MINUTE * NANOSECONDS_PER_SECOND / INTERVAL_NS
     gain, slowing = float(fit.point.gain[0]), float(fit.point.slowing[0])
     changed = np.zeros(len(fit.covariance))
     changed[base], changed[base + knots], changed[-2:] = gain, slowing, fit.point.slope
@@ -449,13 +474,10 @@ class TrackingEstimator(ProjectionEstimator):
         return described_fit(
             super().estimate(stamp_ns, faults),
             self._window,
-            self._watch.found,
-            self._watch.count,
-            self._watch.deliberating,
-            _KNOT_S,
-            INTERVAL_NS * 1e-9,
+            self._watch,
             self._basis.area,
             self._tremor,
+            self._problem,
         )
 
     @property
@@ -528,18 +550,11 @@ class TrackingEstimator(ProjectionEstimator):
             # of the earlier disturbance the fit of the newest samples says nothing
             fit.point = fit.point._replace(theta=found.point.theta, linear=found.point.linear)
             if fit.inflation > _ALIKE:
-                fit.scales, fit.variance, fit.inflation = (
-                    found.scales,
-                    found.variance,
-                    1.0,
-                )
+                fit.scales, fit.variance, fit.inflation = found.scales, found.variance, 1.0
             return
         fit.point = found.point
-        fit.scales, fit.variance, fit.inflation = (
-            found.scales,
-            found.variance,
-            found.inflation,
-        )
+        fit.scales, fit.variance = found.scales, found.variance
+        fit.inflation = found.inflation
         fit.levels, fit.first = found.levels, found.first
 
     def _begin_without_tremor(self) -> None:
@@ -737,12 +752,7 @@ class TrackingEstimator(ProjectionEstimator):
             self._basis,
             self._window,
             self._of_any_shape(self._prior),
-            self._compared_from(),
-            self._now_ns,
-            INTERVAL_NS,
-            float(_KNOT_INTERVALS),
-            self._lag(),
-            self._origin,
+            replace(self._span(), first_ns=self._compared_from()),
             None if self._tremor.frequency else repetition_rates(self._problem.blocks),
         )
 

@@ -136,6 +136,7 @@ BAND_WIDER_THAN_CURVE = 'band_wider_than_curve'
 NO_CONSTANT_MUSCLE = 'no_constant_muscle'
 RESPONSE_MISFIT = 'response_misfit'
 RESIDUALS_ALIKE = 'residuals_alike'
+DISTURBANCE_FOLLOWS = 'disturbance_follows_intensity'
 CLOCKS_DIFFER = 'clocks_differ'
 FORCE_WITHOUT_PULSES = 'force_without_pulses'
 OF_TIME = (CLOCKS_DIFFER, FORCE_WITHOUT_PULSES)
@@ -155,6 +156,8 @@ REASON: Mapping[str, str] = {
     'the model, pulses do not add up as in it, or the muscle changes',
     RESIDUALS_ALIKE: 'what the muscle leaves of neighbouring samples is alike, as with a '
     'sensor that filters its noise: the curve may be wrong by more than its interval',
+    DISTURBANCE_FOLLOWS: 'the disturbance runs with the intensity: an effort of the patient '
+    'cannot be told from recruitment by this schedule; pulses of random intensity tell them apart',
     CLOCKS_DIFFER: 'the stamps of force and pulses do not belong together',
     FORCE_WITHOUT_PULSES: 'the force goes on at the rate of the pulses where there are none',
 }

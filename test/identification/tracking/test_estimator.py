@@ -8,11 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import rpms_ros
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification import identify
 from rpms_ros.identification.estimation import window_fit
 from rpms_ros.identification.estimation.tracking import TrackingEstimator, TrackingSettings
 from rpms_ros.identification.model.estimate import CONVERGED
+from rpms_ros.identification.quality.doubts import DISTURBANCE_FOLLOWS
 from rpms_ros.identification.stream.stream import IdentificationStream, load, save
 from rpms_ros.muscle import Contraction, simulation_subject
 from rpms_ros.pulses import ForceTrace, PulseTrain
@@ -370,3 +372,20 @@ def test_a_state_with_fewer_forces_than_stamps_is_refused():
     state['_raw']['_measured'] = np.zeros(10)
     with pytest.raises(IdentificationError, match='as many forces as stamps in the saved Raw'):
         TrackingEstimator().restore(state)
+
+
+def test_an_effort_that_follows_the_intensity_is_doubted(league):
+    """A slow sinusoid does not tell it from recruitment: 9 % beside a band of 2 %."""
+    (time, force, onset, intensity), truth = league.session('effort', 'sinusoid', 0)
+    found = rpms_ros.from_arrays(time, force, onset, intensity).identify('tracking')
+    last = found.estimates.last
+    assert np.abs(last.curve_force - truth).max() > 0.02 * truth.max()
+    assert last.doubts == (DISTURBANCE_FOLLOWS,)
+    assert found.verdict.grade == 'doubtful'
+
+
+def test_an_effort_that_follows_random_intensities_is_told_from_the_muscle(league):
+    (time, force, onset, intensity), truth = league.session('effort', 'random', 0)
+    last = rpms_ros.from_arrays(time, force, onset, intensity).identify('tracking').estimates.last
+    assert np.abs(last.curve_force - truth).max() < 0.01 * truth.max()
+    assert last.doubts == ()
