@@ -161,12 +161,14 @@ def test_a_basis_that_fits_is_compared_less_and_less_often():
     assert set(list(found.values())[4:]) == {Search.NEIGHBOURS}
 
 
-def test_where_residuals_are_alike_it_is_compared_with_all_every_three_seconds():
+def test_where_residuals_are_alike_it_is_compared_with_all_sooner_and_then_less_often():
     schedule = BasisSchedule()
     schedule.begin(0)
     found = comparisons(schedule, np.arange(40.0, 100.0, 0.25), alike=True)
-    # the missed ones of the beginning first
-    assert np.diff(list(found)).max() == 3.0
+    # the missed ones of the beginning first; one that is due in any case is between the others
+    times = list(found)
+    assert times[4:8] == [41.0, 44.0, 50.0, 62.0]
+    assert np.diff(times).max() <= 48.0
     assert set(found.values()) == {Search.EVERYWHERE}
 
 
