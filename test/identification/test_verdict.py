@@ -15,6 +15,7 @@ from rpms_ros.identification import (
     estimator_by_name,
     identify,
 )
+from rpms_ros.identification.model.estimate import NOT_INFORMED
 from rpms_ros.identification.quality.explained_force import simulated_fit, simulated_force
 from rpms_ros.identification.quality.verdict import (
     Verdict,
@@ -167,6 +168,19 @@ def test_what_an_estimator_that_follows_has_named_is_no_doubt(trial, fitted):
     # it does not explain the last seconds either
     other = tensed(forces.force)
     assert 'force_unexplained' in verdict(follows, other + tensed(other)).line
+
+
+def test_a_curve_may_be_known_without_the_parameters_of_arctangents(trial, fitted):
+    last, unknown = fitted.last, np.full(4, NOT_INFORMED)
+
+    def verdict(**changes) -> Verdict:
+        estimate = replace(last, nonlinear_identifiability=unknown, **changes)
+        session = replace(fitted, estimates=[*fitted.estimates[:-1], estimate])
+        return verdict_of(session, *trial)
+
+    assert verdict().grade == 'good'
+    wide = 0.1 * last.curve_force[-1]
+    assert verdict(curve_upper=last.curve_force + wide).grade == 'no'
 
 
 def test_time_in_another_unit_is_not_good(trial):

@@ -126,12 +126,10 @@ def described_fit(
     names, rate, deviation = _rates(fit, area)
     half = float(ndtri(0.5 + 0.5 * estimate.confidence)) * deviation
     rest = float(np.median(fit.levels))
-    doubts: tuple[str, ...] = ()
-    if estimate.curve_known:
-        full = float(np.abs(estimate.curve_force).max())
-        follows = DISTURBANCE_FOLLOWS, follows_intensity(problem, fit, full)
-        found_doubts = (RESIDUALS_ALIKE, _leaves_alike(fit)), follows
-        doubts = tuple(name for name, holds in found_doubts if holds)
+    full = float(np.abs(estimate.curve_force).max(initial=0.0))
+    follows = follows_intensity(problem, fit, full)
+    possible = {RESIDUALS_ALIKE: _leaves_alike(fit), DISTURBANCE_FOLLOWS: follows}
+    doubts = [name for name, holds in possible.items() if holds and estimate.curve_known]
     return replace(
         estimate,
         doubts=(*estimate.doubts, *doubts),

@@ -94,8 +94,9 @@ _DEEPEST_SWING, _WORST_SWING = 0.15, 0.5
 # The error on the end of the session with an earlier estimate may be so many times that with the
 # final one, or this share of the range of the force.
 _HELD_OUT_TIMES, _LARGEST_HELD_OUT = 3.0, 0.05
-# Half the interval of the curve at the highest intensity that was used, as a share of it.
-_WIDEST_INTERVAL = 0.2
+# Half the interval of the curve at the highest intensity that was used, as a share of it; and of
+# all of a curve that is known whatever its parameters are, as a share of its maximum.
+_WIDEST_INTERVAL, _NARROW = 0.2, 0.05
 # Length of the end that is judged: two periods of the slow sinusoids in use; a muscle that tires
 # changes by a quarter meanwhile, which leaves 0.03 of the variance unexplained.  Half of it for an
 # estimator that follows such changes, because its estimate is that of the end.
@@ -467,7 +468,10 @@ def _of_the_estimator(
     if first is not last and first.samples and np.array_equal(first.nonlinear, last.nonlinear):
         yield NO, 'the parameters of the recruitment curve are still those of the start'
     flags = dict(zip(last.nonlinear_names, last.nonlinear_identifiability.tolist(), strict=False))
-    unknown = [name for name, flag in flags.items() if flag == NOT_INFORMED]
+    # a curve of another shape may be known without the parameters of the nearest arctangents
+    width = np.max(last.curve_upper - last.curve_lower, initial=0.0)
+    narrow = len(last.curve_upper) and 0.5 * width < _NARROW * np.abs(last.curve_force).max()
+    unknown = [name for name, flag in flags.items() if flag == NOT_INFORMED and not narrow]
     if flags and len(unknown) == len(flags):
         yield NO, 'the data tell nothing about the recruitment curve: no parameter is informed'
     elif 'u_thr' in unknown:
