@@ -9,11 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from rpms_ros.identification.model.estimate import CURVE_INTENSITY
-from rpms_ros.muscle import simulation_subject
+from rpms_ros.muscle import Contraction, simulation_subject
 from rpms_ros.muscle.scenario import Scenario, Tremor, VoluntaryEffort
 from rpms_ros.muscle.sensor import Disturbances
 from rpms_ros.muscle.simulation import Surroundings
-from rpms_ros.muscle.time_varying import Change, LivingContraction, LivingSettings
+from rpms_ros.muscle.time_varying import Change, LivingSettings
 from rpms_ros.pulses import PulseTrain
 
 RATE = 20.0
@@ -89,7 +89,7 @@ def session(kind, excitation='random', seed=0, seconds=90.0, subject=SUBJECT, ra
     intensity = intensities(excitation, count, seed)
     pulses = PulseTrain.regular(intensity, RATE, 1_000)
     onset = pulses.onset_ns
-    muscle = LivingContraction(subject, what.living, 0)
+    muscle = Contraction(subject, settings=what.living)
     surroundings = Surroundings(what, seed)
     stamp = np.arange(int(seconds * rate), dtype=np.int64) * (1_000_000_000 // rate)
     muscle.begin(0)

@@ -17,10 +17,9 @@ from rpms_ros import estimate_messages, messages
 from rpms_ros.api.loading import as_recording
 from rpms_ros.api.session import Session
 from rpms_ros.errors import MuscleError, RecordingError, StimulationError, check_seed
-from rpms_ros.muscle import SUBJECTS, Subject, random_subject, subject_by_name
+from rpms_ros.muscle import SUBJECTS, Contraction, Subject, random_subject, subject_by_name
 from rpms_ros.muscle.scenario import Scenario, load_scenario
 from rpms_ros.muscle.simulation import Surroundings, Truth, simulate_session
-from rpms_ros.muscle.time_varying import muscle_of
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, IntArray
 from rpms_ros.recording.rosbag.definitions import known_types
 from rpms_ros.recording.rosbag.writing import FurtherTopic
@@ -107,7 +106,7 @@ def simulate(
     happens = replace(happens, disturbances=replace(happens.disturbances, **given))
     pulses = schedule.pulses(START_NS)
     forces, truths = simulate_session(
-        muscle_of(muscle, happens.living, pulse_rate_hz if named else None),
+        Contraction(muscle, pulse_rate_hz if named else None, happens.living),
         Surroundings(happens, seed),
         pulses,
         sample_times(schedule.length_s, force_rate_hz),

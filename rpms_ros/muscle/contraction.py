@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-r"""The complete contraction, Eq. (11), as a stream of pulses in and force out.
+r"""The complete contraction, Eq. (11), of a muscle that may change: pulses in and force out.
 
 An n-th order twitch with equal poles is a polynomial times one exponential, so the sum over any
 number of past pulses is too.  With lags ``s`` in units of T_a it follows exactly from n moments
@@ -11,8 +11,18 @@ which advance by a time ``d`` by the binomial theorem,
 ``M_j' = e^{-d} sum_i C(j, i) d^(j-i) M_i``, and give the force as ``c M_(n-1)`` with
 ``c = (e / (n-1))^(n-1)``.  Every term is positive: nothing cancels, however long the history.
 
-Recent pulses are kept separately, so that one which arrives late, or between two others, still
-gets its exact onset and repetition rate; older ones are added to the moments.
+A chain whose time constant T_a(t) changes is the fixed chain in the time
+``theta(t) = int dt / T_a(t)``, so its moments stay exact.  Everything that changes is held
+constant within cells of 10 ms, which begin at multiples of 10 ms of the time stamp: the result
+does not depend on how samples are cut into blocks.  Per cell:
+
+- scripted values (`Timeline`) are those at its beginning;
+- fatigue and potentiation are updated at its end, with the force there.
+
+A pulse has the recruitment of its onset, and the gain of the time at which its twitch begins.
+``gain`` and fatigue scale the *steady force*: the peak of a slower twitch is smaller in
+proportion.  A pulse that is added after samples on which it should have acted acts from its own
+onset on, but with the present T_a, and with its own rate if it is at most 2 s late.
 """
 
 import math
@@ -24,7 +34,8 @@ import numpy.typing as npt
 
 from rpms_ros.errors import MuscleError, check_number
 from rpms_ros.muscle.subject import Subject
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray, nanoseconds
+from rpms_ros.muscle.time_varying import CHANGEABLE, LivingSettings, Timeline
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray
 
 # A motor axon is absolutely refractory for about a millisecond: shorter intervals count as this.
 REFRACTORY_PERIOD = 1e-3
@@ -59,8 +70,28 @@ class MuscleState(NamedTuple):
     potentiation: float
 
 
+CELL_NS = 10_000_000
+_CELL_S = CELL_NS / NANOSECONDS_PER_SECOND
+# Pulses whose twitch has begun are before late ones for so long [ns].
+_REMEMBERED_NS = 2 * NANOSECONDS_PER_SECOND
+# What was before the first sample by more than this does not tire the muscle [ns].
+_LONGEST_PAST_NS = 3600 * NANOSECONDS_PER_SECOND
+
+
+class _Rates(NamedTuple):
+    """Coefficients of one cell for `_advance`."""
+
+    keep_fatigue: float
+    loss: float
+    slowing: float
+    lowest_gain: float
+    keep_potentiation: float
+    per_pulse: float
+    largest: float
+
+
 @numba.njit(cache=True)
-def move_moments(moments: FloatArray, distance: float) -> None:
+def _move(moments: FloatArray, distance: float) -> None:
     """Advance the moments (n,) by `distance` (in units of T_a), in place."""
     decay = math.exp(-distance)
     for j in range(len(moments) - 1, -1, -1):
@@ -74,63 +105,64 @@ def move_moments(moments: FloatArray, distance: float) -> None:
 
 
 @numba.njit(cache=True)
-def _fold(
-    reference_ns: int,
-    moments: FloatArray,
-    onset_ns: IntArray,
-    weight: FloatArray,
-    time_constant_ns: float,
-) -> int:
-    """Add pulses, ascending in onset, to the moments; return the new reference time."""
-    for index in range(len(onset_ns)):
-        if onset_ns[index] > reference_ns:
-            move_moments(moments, (onset_ns[index] - reference_ns) / time_constant_ns)
-            reference_ns = onset_ns[index]
-        lag = (reference_ns - onset_ns[index]) / time_constant_ns
-        term = weight[index] * math.exp(-lag)
-        for j in range(len(moments)):
-            moments[j] += term
-            term *= lag
-    return reference_ns
-
-
-@numba.njit(cache=True)
-def _read(
+def _advance(
     stamp_ns: IntArray,
-    reference_ns: int,
-    moments: FloatArray,
-    onset_ns: IntArray,
+    effective_ns: IntArray,
     weight: FloatArray,
-    time_constant_ns: float,
-) -> FloatArray:
-    """Return M_(n-1) at ascending stamps (samples,); overwrites `moments`."""
-    result = np.empty(len(stamp_ns))
+    share: FloatArray,
+    first_cell: int,
+    scripted: FloatArray,
+    rates: _Rates,
+    scale: float,
+    moments: FloatArray,
+    state: FloatArray,
+    reference_ns: int,
+) -> tuple[FloatArray, int, int]:
+    """Advance the muscle to the last stamp; return force, pulses used and reference time.
+
+    `scripted` (cells, 2) holds T_a / T_a(rest) and gain of each cell; `state` (3,) fatigue gain,
+    slowing and potentiation; `weight` (pulses,) the peak of each twitch [N] at rest, `share` its
+    recruitment; `moments` (n,) are in newtons, of lags in the time theta.
+    """
+    force = np.empty(len(stamp_ns))
     at_sample = np.empty_like(moments)
-    begun = 0
+    pulse = 0
     for index in range(len(stamp_ns)):
-        first = begun
-        while begun < len(onset_ns) and onset_ns[begun] <= stamp_ns[index]:
-            begun += 1
-        if begun > first:
-            reference_ns = _fold(
-                reference_ns, moments, onset_ns[first:begun], weight[first:begun], time_constant_ns
-            )
+        stamp = stamp_ns[index]
+        while True:
+            cell = reference_ns // CELL_NS
+            boundary = (cell + 1) * CELL_NS
+            slow = scripted[cell - first_cell, 0] * state[1]
+            until = min(stamp, boundary)
+            if pulse < len(effective_ns) and effective_ns[pulse] <= until:
+                onset = effective_ns[pulse]
+                if onset > reference_ns:
+                    _move(moments, (onset - reference_ns) / (scale * slow))
+                    reference_ns = onset
+                    continue
+                lag = (reference_ns - onset) / (scale * slow)
+                gain = scripted[cell - first_cell, 1] * state[0] * (1.0 + state[2])
+                term = weight[pulse] * gain / slow * np.exp(-lag)
+                for j in range(len(moments)):
+                    moments[j] += term
+                    term *= lag
+                left = rates.largest - state[2]
+                state[2] += rates.per_pulse * share[pulse] * max(left, 0.0)
+                pulse += 1
+                continue
+            if stamp < boundary:
+                break
+            _move(moments, (boundary - reference_ns) / (scale * slow))
+            reference_ns = boundary
+            use = moments[-1]
+            faded = 1.0 + (state[0] - 1.0) * rates.keep_fatigue - rates.loss * use
+            state[0] = max(faded, rates.lowest_gain)
+            state[1] = 1.0 + (state[1] - 1.0) * rates.keep_fatigue + rates.slowing * use
+            state[2] *= rates.keep_potentiation
         at_sample[:] = moments
-        move_moments(at_sample, (stamp_ns[index] - reference_ns) / time_constant_ns)
-        result[index] = at_sample[-1]
-    return result
-
-
-def twitch_peak_factor(order: int) -> float:
-    """Return c = (e / (n-1))^(n-1), 1 for n = 1: the force is c times M_(n-1)."""
-    power = order - 1
-    return 1.0 if power == 0 else (math.e / power) ** power
-
-
-def check_rate(rate_hz: float | None) -> None:
-    """Raise `MuscleError` if a fixed repetition rate is not above 0 Hz."""
-    if rate_hz is not None:
-        check_number(MuscleError, 'repetition rate', rate_hz, 0, above=True, unit='Hz')
+        _move(at_sample, (stamp - reference_ns) / (scale * slow))
+        force[index] = at_sample[-1]
+    return force, pulse, reference_ns
 
 
 def repetition_rates(onset_ns: IntArray) -> FloatArray:
@@ -141,183 +173,206 @@ def repetition_rates(onset_ns: IntArray) -> FloatArray:
     return rate
 
 
-def checked_pulses(
-    onset_ns: npt.ArrayLike, intensity: npt.ArrayLike
-) -> tuple[IntArray, FloatArray]:
-    """Return onsets (pulses,) [ns] and intensities (pulses,) as arrays.
-
-    Raises
-    ------
-    MuscleError
-        If their lengths differ, or an intensity is not between 0 and 1.
-    """
-    onsets = np.atleast_1d(np.asarray(onset_ns, dtype=np.int64))
-    values = np.atleast_1d(np.asarray(intensity, dtype=np.float64))
-    if onsets.shape != values.shape:
-        raise MuscleError(
-            f'expected as many intensities as onsets, got {values.size} and {onsets.size}'
-        )
-    valid = (values >= 0.0) & (values <= 1.0)
-    if not valid.all():
-        raise MuscleError(f'expected intensities from 0 to 1, got {values[~valid][0]}')
-    return onsets, values
-
-
 class Contraction:
-    """Isometric force of a stimulated muscle, Eq. (11).
+    """Isometric force of a stimulated muscle, Eq. (11); read forwards in time only.
 
-    Pulses may be added in any order; force may be read at any time that is not more than `window`
-    before the latest time read.  A pulse that is added later than that acts from its own onset
-    on, but has the weight of a pulse without a predecessor.  The cost of a sample does not depend
-    on how many pulses there have been.
+    Pulses may be added in any order.  The cost of a sample does not depend on how many pulses
+    there have been.
 
     Parameters
     ----------
     subject : Subject
-        The muscle.
+        The muscle at rest.
     fixed_rate_hz : float or None
         Repetition rate from which every pulse gets its weight [Hz]; None takes each pulse's own,
         from the interval to the pulse before it (0 Hz for the first).
-    window : float
-        How long pulses are kept separately [s].
+    settings : LivingSettings or None
+        What changes in it; nothing if not given.
+    start_ns : int
+        Start of the session, from which scripted changes count [ns].
 
     Raises
     ------
     MuscleError
-        If the rate or the window is not above zero.
+        If the rate is not above zero.
     """
 
     def __init__(
-        self, subject: Subject, fixed_rate_hz: float | None = None, window: float = 2.0
+        self,
+        subject: Subject,
+        fixed_rate_hz: float | None = None,
+        settings: LivingSettings | None = None,
+        start_ns: int = 0,
     ) -> None:
-        check_rate(fixed_rate_hz)
-        check_number(MuscleError, 'window', window, 0, above=True, unit='s')
+        if fixed_rate_hz is not None:
+            check_number(MuscleError, 'repetition rate', fixed_rate_hz, 0, above=True, unit='Hz')
+        settings = settings or LivingSettings()
         self.subject = subject
+        self._start_ns = start_ns
         self._fixed_rate = fixed_rate_hz
-        self._window_ns = nanoseconds(window)
-        self._latency_ns = nanoseconds(subject.latency)
-        self._time_constant_ns = subject.time_constant * NANOSECONDS_PER_SECOND
-        self._peak = twitch_peak_factor(subject.order)
+        curve, power = subject.recruitment, subject.order - 1
+        rested = {
+            'gain': 1.0,
+            'time_constant': subject.time_constant,
+            'latency': subject.latency,
+            'threshold': curve.threshold,
+            'saturation': curve.saturation,
+        }
+        self._timeline = Timeline(rested, settings.changes)
+        self._peak = (math.e / power) ** power if power else 1.0
         self._moments = np.zeros(subject.order)
+        self._state = np.array([1.0, 1.0, 0.0])
+        self._rates = self._rates_of(settings)
         self._reference_ns: int | None = None
-        self._last_folded_ns: int | None = None
+        self._begun_ns = np.empty(0, dtype=np.int64)
         self._onset_ns = np.empty(0, dtype=np.int64)
         self._intensity = np.empty(0)
 
     def begin(self, start_ns: int) -> None:
-        """Do nothing: a steady muscle does not depend on the time."""
-
-    def state(self, stamp_ns: int) -> MuscleState:
-        """Return the state, the same at any time."""
-        del stamp_ns
-        curve = self.subject.recruitment
-        return MuscleState(
-            gain=1.0,
-            time_constant=self.subject.time_constant,
-            latency=self.subject.latency,
-            threshold=curve.threshold,
-            saturation=curve.saturation,
-            fatigue=1.0,
-            potentiation=0.0,
-        )
-
-    def steady_force(self, stamp_ns: int, intensity: FloatArray, rate_hz: float) -> FloatArray:
-        """Return the recruitment curve: steady mean force [N] (intensities,)."""
-        del stamp_ns
-        return self.subject.steady_force(intensity, rate_hz)
+        """Count the times of scripted changes from `start_ns` [ns]."""
+        self._start_ns = start_ns
 
     def add_pulses(self, onset_ns: npt.ArrayLike, intensity: npt.ArrayLike) -> None:
-        """Add pulses.
-
-        Parameters
-        ----------
-        onset_ns : array_like of int, shape (pulses,) or ()
-            Onsets of the pulses [ns], in any order.
-        intensity : array_like, shape (pulses,) or ()
-            Shares of the maximum, 0..1.
+        """Add pulses (pulses,) at onsets [ns] with intensities (share 0..1), in any order.
 
         Raises
         ------
         MuscleError
-            If an intensity is not between 0 and 1; nothing is added then.
+            If their numbers differ, or an intensity is not from 0 to 1; nothing is added then.
         """
-        onsets, values = checked_pulses(onset_ns, intensity)
-        begun = np.zeros(len(onsets), dtype=np.bool_)
-        if self._reference_ns is not None:
-            begun = onsets + self._latency_ns <= self._reference_ns
-        if begun.any():
-            # late ones each have the weight of a single pulse
-            weight = self.subject.pulse_weight(values[begun], self._fixed_rate or 0.0)
-            self._fold(onsets[begun] + self._latency_ns, weight)
-        merged = np.concatenate((self._onset_ns, onsets[~begun]))
+        onsets = np.atleast_1d(np.asarray(onset_ns, dtype=np.int64))
+        values = np.atleast_1d(np.asarray(intensity, dtype=np.float64))
+        if onsets.shape != values.shape:
+            raise MuscleError(
+                f'expected as many intensities as onsets, got {values.size} and {onsets.size}'
+            )
+        valid = (values >= 0.0) & (values <= 1.0)
+        if not valid.all():
+            raise MuscleError(f'expected intensities from 0 to 1, got {values[~valid][0]}')
+        merged = np.concatenate((self._onset_ns, onsets))
         order = np.argsort(merged, kind='stable')
         self._onset_ns = merged[order]
-        self._intensity = np.concatenate((self._intensity, values[~begun]))[order]
+        self._intensity = np.concatenate((self._intensity, values))[order]
 
     def force(self, stamp_ns: npt.ArrayLike) -> FloatArray:
-        """Return the force at the given times.
-
-        Parameters
-        ----------
-        stamp_ns : array_like of int, shape (samples,) or ()
-            Times [ns], in any order.
-
-        Returns
-        -------
-        ndarray, shape (samples,)
-            Force of the pulses added so far [N].
+        """Return the force [N] (samples,) at ascending times [ns] not before those read already.
 
         Raises
         ------
         MuscleError
-            If a time is before pulses that are no longer kept separately.
+            If a time is before one that has been read, or the times do not ascend.
         """
         stamps = np.atleast_1d(np.asarray(stamp_ns, dtype=np.int64))
         if not len(stamps):
             return np.empty(0)
-        order = np.argsort(stamps, kind='stable')
-        ascending = stamps[order]
-        effective = self._onset_ns + self._latency_ns
-        reference = self._reference_ns
-        if reference is None:
-            # The moments hold no pulse yet: they are zero at any time.
-            reference = int(np.concatenate((ascending[:1], effective[:1])).min())
-        if ascending[0] < reference:
-            raise MuscleError(f'expected times from {reference} ns on, got {ascending[0]} ns')
-        top = _read(
-            ascending,
-            reference,
-            self._moments.copy(),
-            effective,
-            self._weights(),
-            self._time_constant_ns,
+        if (np.diff(stamps) < 0).any():
+            raise MuscleError('expected ascending times, got one that goes back')
+        effective, weight, share = self._acting()
+        if self._reference_ns is None:
+            first = min(int(stamps[0]), int(effective.min(initial=stamps[0])))
+            # a pulse of a clock that was never set: no memory would hold its cells
+            first = max(first, int(stamps[0]) - _LONGEST_PAST_NS)
+            self._reference_ns = first // CELL_NS * CELL_NS
+        if stamps[0] < self._reference_ns:
+            raise MuscleError(
+                f'expected times from {self._reference_ns} ns on, got {stamps[0]} ns'
+            )
+        order = np.argsort(effective, kind='stable')
+        first_cell = self._reference_ns // CELL_NS
+        force, used, self._reference_ns = _advance(
+            stamps,
+            effective[order],
+            weight[order],
+            share[order],
+            first_cell,
+            self._scripted(first_cell, int(stamps[-1]) // CELL_NS + 1),
+            self._rates,
+            self.subject.time_constant * NANOSECONDS_PER_SECOND,
+            self._moments,
+            self._state,
+            self._reference_ns,
         )
-        result = np.empty(len(stamps))
-        result[order] = self._peak * top
-        self._fold_before(int(ascending[-1]) - self._window_ns)
-        return result
+        self._drop(order[:used])
+        return self._peak * force
 
-    def _weights(self) -> FloatArray:
-        """Return the peak force of each separate pulse's twitch (pulses,) [N]."""
-        if self._fixed_rate is not None:
-            return self.subject.pulse_weight(self._intensity, self._fixed_rate)
-        before = [] if self._last_folded_ns is None else [self._last_folded_ns]
-        rate = repetition_rates(np.append(np.array(before, dtype=np.int64), self._onset_ns))
-        return self.subject.pulse_weight(self._intensity, rate[len(before) :])
+    def state(self, stamp_ns: int) -> MuscleState:
+        """Return the state at a time [ns]; fatigue and potentiation as of the last `force`."""
+        at = self._elapsed(np.array(stamp_ns))
+        script = {name: float(self._timeline(name, at)) for name in CHANGEABLE}
+        fatigue, slow, potentiation = self._state.tolist()
+        script['gain'] *= fatigue * (1.0 + potentiation)
+        script['time_constant'] *= slow
+        return MuscleState(**script, fatigue=fatigue, potentiation=potentiation)
 
-    def _fold_before(self, limit_ns: int) -> None:
-        """Add the pulses whose twitch began before `limit_ns` to the moments."""
-        effective = self._onset_ns + self._latency_ns
-        count = int(np.searchsorted(effective, limit_ns))
-        if not count:
+    def steady_force(self, stamp_ns: int, intensity: FloatArray, rate_hz: float) -> FloatArray:
+        """Return the true recruitment curve at a time: steady mean force [N] (intensities,)."""
+        state = self.state(stamp_ns)
+        curve = self._recruitment(intensity, np.array(state.threshold), np.array(state.saturation))
+        full = float(self.subject.steady_force(1.0, rate_hz) / self.subject.recruitment(1.0))
+        return state.gain * full * curve
+
+    def _rates_of(self, settings: LivingSettings) -> _Rates:
+        fatigue, potentiation = settings.fatigue, settings.potentiation
+        # the moments give the force without its peak factor
+        use = _CELL_S * self._peak / self.subject.maximum_force
+        return _Rates(
+            keep_fatigue=float(np.exp(-_CELL_S / fatigue.recovery)),
+            loss=fatigue.force_loss * use,
+            slowing=fatigue.slowing * use,
+            lowest_gain=fatigue.lowest_gain,
+            keep_potentiation=float(np.exp(-_CELL_S / potentiation.decay)),
+            per_pulse=potentiation.per_pulse,
+            largest=potentiation.largest,
+        )
+
+    def _elapsed(self, time_ns: IntArray) -> FloatArray:
+        """Return seconds from the start of the session."""
+        elapsed: FloatArray = (time_ns - self._start_ns) / NANOSECONDS_PER_SECOND
+        return elapsed
+
+    def _scripted(self, first: int, end: int) -> FloatArray:
+        """Return T_a / T_a(rest) and gain of the cells from `first` to `end` (cells, 2)."""
+        at = self._elapsed(np.arange(first, end + 1, dtype=np.int64) * CELL_NS)
+        slow = self._timeline('time_constant', at) / self.subject.time_constant
+        return np.column_stack((slow, self._timeline('gain', at)))
+
+    def _acting(self) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Return twitch onset [ns], peak at rest [N] and recruitment of the pulses to come."""
+        at = self._elapsed(self._onset_ns)
+        latency = np.rint(self._timeline('latency', at) * NANOSECONDS_PER_SECOND)
+        # a late pulse may belong between pulses whose twitch has begun
+        every = np.concatenate((self._begun_ns, self._onset_ns))
+        order = np.argsort(every, kind='stable')
+        rate = np.empty(len(every))
+        rate[order] = self._fixed_rate or repetition_rates(every[order])
+        rate = rate[len(self._begun_ns) :]
+        share = self._recruitment(
+            self._intensity, self._timeline('threshold', at), self._timeline('saturation', at)
+        )
+        unit = self.subject.pulse_weight(1.0, rate) / float(self.subject.recruitment(1.0))
+        return self._onset_ns + latency.astype(np.int64), unit * share, share
+
+    def _recruitment(
+        self, intensity: FloatArray, threshold: FloatArray, saturation: FloatArray
+    ) -> FloatArray:
+        """Return rho_u with changed threshold and saturation, the same gain, 0 at intensity 0."""
+        curve = self.subject.recruitment
+
+        def shape(u: FloatArray) -> FloatArray:
+            above, beyond = u - threshold, u - saturation
+            bend: FloatArray = above * np.arctan(curve.threshold_slope * above)
+            return bend - beyond * np.arctan(curve.saturation_slope * beyond)
+
+        moved = (threshold != curve.threshold) | (saturation != curve.saturation)
+        none = np.where(moved, -curve.gain * shape(np.zeros_like(intensity)), curve.offset)
+        return curve.gain * shape(intensity) + none
+
+    def _drop(self, used: IntArray) -> None:
+        """Drop pulses whose twitch has begun."""
+        if not len(used):
             return
-        self._fold(effective[:count], self._weights()[:count])
-        self._last_folded_ns = int(self._onset_ns[count - 1])
-        self._onset_ns = self._onset_ns[count:]
-        self._intensity = self._intensity[count:]
-
-    def _fold(self, effective_ns: IntArray, weight: FloatArray) -> None:
-        reference = int(effective_ns[0]) if self._reference_ns is None else self._reference_ns
-        self._reference_ns = int(
-            _fold(reference, self._moments, effective_ns, weight, self._time_constant_ns)
-        )
+        begun = np.concatenate((self._begun_ns, self._onset_ns[used]))
+        self._begun_ns = begun[begun >= begun.max() - _REMEMBERED_NS]
+        keep = np.ones(len(self._onset_ns), dtype=np.bool_)
+        keep[used] = False
+        self._onset_ns, self._intensity = self._onset_ns[keep], self._intensity[keep]

@@ -18,7 +18,6 @@ from rpms_ros.muscle.contraction import Contraction, MuscleState
 from rpms_ros.muscle.scenario import Scenario, total_effort
 from rpms_ros.muscle.sensor import Disturbances, FaultySensor, Sensor
 from rpms_ros.muscle.subject import REFERENCE_RATE, Subject
-from rpms_ros.muscle.time_varying import Muscle
 from rpms_ros.pulses import (
     NANOSECONDS_PER_SECOND,
     FloatArray,
@@ -104,7 +103,7 @@ class Truth:
     effort: float
 
 
-def truth_at(muscle: Muscle, surroundings: Surroundings, stamp_ns: int) -> Truth:
+def truth_at(muscle: Contraction, surroundings: Surroundings, stamp_ns: int) -> Truth:
     """Return the true state at a time [ns] up to which the force has been computed."""
     intensity = np.linspace(0.0, 1.0, CURVE_POINTS)
     return Truth(
@@ -122,7 +121,7 @@ _BLOCK = 20_000
 
 
 def simulate_session(
-    muscle: Muscle,
+    muscle: Contraction,
     surroundings: Surroundings,
     pulses: PulseTrain,
     stamp_ns: IntArray,
@@ -133,7 +132,7 @@ def simulate_session(
 
     Parameters
     ----------
-    muscle : Muscle
+    muscle : Contraction
         The muscle, before any pulse.
     surroundings : Surroundings
         Efforts and sensor.
@@ -229,7 +228,7 @@ class SampledPlant:
 
     Parameters
     ----------
-    muscle : Muscle
+    muscle : Contraction
         The muscle, before any pulse.
     surroundings : Surroundings
         Efforts and sensor.
@@ -237,7 +236,7 @@ class SampledPlant:
         Force samples a second [Hz].
     """
 
-    def __init__(self, muscle: Muscle, surroundings: Surroundings, rate: float) -> None:
+    def __init__(self, muscle: Contraction, surroundings: Surroundings, rate: float) -> None:
         self._muscle = muscle
         self._surroundings = surroundings
         # A fraction keeps the sampling grid exact, however long the session is.

@@ -22,10 +22,9 @@ from rpms_msgs.msg import MuscleTruth, Pulse as PulseMessage
 from rpms_ros import estimate_messages, messages
 from rpms_ros.axis import FORCE, UNITS
 from rpms_ros.errors import LARGEST_SEED, MuscleError, NodeError
-from rpms_ros.muscle import SUBJECTS, Subject, random_subject, subject_by_name
+from rpms_ros.muscle import SUBJECTS, Contraction, Subject, random_subject, subject_by_name
 from rpms_ros.muscle.scenario import Scenario, load_scenario
 from rpms_ros.muscle.simulation import SampledPlant, Surroundings
-from rpms_ros.muscle.time_varying import muscle_of
 from rpms_ros.nodes.common import qos, topics
 from rpms_ros.nodes.common.diagnostics import (
     PERIOD_S,
@@ -112,7 +111,7 @@ def build_plant(settings: PlantParameters) -> SampledPlant:
     """Return the plant that the parameters describe."""
     scenario = scenario_of(settings)
     return SampledPlant(
-        muscle_of(subject_of(settings), scenario.living),
+        Contraction(subject_of(settings), settings=scenario.living),
         Surroundings(scenario, settings.seed),
         settings.rate,
     )

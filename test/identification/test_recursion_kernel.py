@@ -191,8 +191,9 @@ def test_a_minute_below_the_threshold_keeps_the_covariance_positive(record):
     error = np.linalg.norm(force[high][rest] - prediction[rest]) / np.linalg.norm(
         force[high][rest]
     )
-    # noise of 0.05 N in some 3.5 N, and what it does to eight parameters that forget in 0.1 s
-    assert error < 0.03
+    # noise of 0.05 N in some 3.5 N, and what it does to eight parameters that forget in 0.1 s;
+    # by the rounding of the force it is 0.016 or twice as much
+    assert error < 0.04
 
 
 @pytest.mark.parametrize('others', [0.8, 0.0])

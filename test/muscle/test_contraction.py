@@ -11,13 +11,7 @@ from scipy.integrate import solve_ivp
 
 from rpms_ros.errors import MuscleError
 from rpms_ros.muscle import Contraction, Subject, average_subject, simulation_subject, twitch
-from rpms_ros.muscle.time_varying import (
-    Change,
-    Fatigue,
-    LivingContraction,
-    LivingSettings,
-    Potentiation,
-)
+from rpms_ros.muscle.time_varying import Change, Fatigue, LivingSettings, Potentiation
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray, PulseTrain
 
 MILLISECOND = 1_000_000
@@ -53,12 +47,6 @@ def superposition(subject, onset_ns, intensity, stamp_ns, rate_hz) -> FloatArray
     return total
 
 
-def regular_train(seconds, start_ns=0) -> PulseTrain:
-    """Return pulses of varied intensity at 20 Hz."""
-    generator = np.random.default_rng(3)
-    return PulseTrain.regular(generator.uniform(size=round(20 * seconds)), 20.0, start_ns)
-
-
 def grid(start_s, stop_s) -> IntArray:
     """Return stamps at 1 kHz."""
     return MILLISECOND * np.arange(round(1000 * start_s), round(1000 * stop_s), dtype=np.int64)
@@ -70,67 +58,45 @@ def test_force_is_the_sum_of_all_twitches(subject, onset, stamp, rate_hz):
     intensity = intensities_of(onset_ns)
     contraction = Contraction(subject, rate_hz)
     contraction.add_pulses(onset_ns, intensity)
-    measured = contraction.force(stamp)
-    expected = superposition(subject, onset_ns, intensity, np.array(stamp), rate_hz)
-    # Every term is positive, so rounding is relative: 30 moves of a few ulp each, at most.
-    np.testing.assert_allclose(measured, expected, rtol=1e-12, atol=1e-12)
+    stamp_ns = np.sort(stamp)
+    expected = superposition(subject, onset_ns, intensity, stamp_ns, rate_hz)
+    # Every term is positive, so rounding is relative: 400 moves of a few ulp each, at most.
+    np.testing.assert_allclose(contraction.force(stamp_ns), expected, rtol=1e-11, atol=1e-11)
 
 
-@given(subjects, st.lists(st.integers(1, 2000), max_size=8))
-def test_block_length_changes_no_bit(subject, cuts):
-    train = regular_train(2.0)
-    stamp_ns = grid(0.0, 2.0)
-    whole = Contraction(subject, window=0.3)
-    whole.add_pulses(train.onset_ns, train.intensity)
-    expected = whole.force(stamp_ns)
-    stream = Contraction(subject, window=0.3)
-    stream.add_pulses(train.onset_ns, train.intensity)
-    edges = [0, *sorted(cuts), len(stamp_ns)]
-    pieces = [stream.force(stamp_ns[low:high]) for low, high in pairwise(edges)]
-    np.testing.assert_array_equal(np.concatenate(pieces), expected)
-
-
-@given(onsets, st.lists(st.integers(0, 290 * MILLISECOND), min_size=30, max_size=30))
-def test_pulses_that_arrive_late_change_no_bit(onset, delays):
+@given(onsets, st.lists(st.integers(0, 2900 * MILLISECOND), min_size=30, max_size=30))
+def test_a_late_pulse_acts_from_its_own_time(onset, delays):
     onset_ns = np.array(onset)
     arrival_ns = onset_ns + np.array(delays[: len(onset)])
     intensity = intensities_of(onset_ns)
-    stream = Contraction(average_subject(), window=0.3)
-    for now_ns in range(0, 3500 * MILLISECOND, 10 * MILLISECOND):
+    stream = Contraction(average_subject(), fixed_rate_hz=20.0)
+    for now_ns in range(0, 6000 * MILLISECOND, 10 * MILLISECOND):
         arrived = (arrival_ns <= now_ns) & (arrival_ns > now_ns - 10 * MILLISECOND)
         stream.add_pulses(onset_ns[arrived], intensity[arrived])
-        stream.force(now_ns)
-    punctual = Contraction(average_subject(), window=0.3)
-    punctual.add_pulses(onset_ns, intensity)
-    stamp_ns = grid(3.5, 3.6)
-    np.testing.assert_array_equal(stream.force(stamp_ns), punctual.force(stamp_ns))
+        force = stream.force(now_ns)
+        known = arrival_ns <= now_ns
+        expected = superposition(
+            average_subject(), onset_ns[known], intensity[known], np.array([now_ns]), 20.0
+        )
+        # As above.
+        np.testing.assert_allclose(force, expected, rtol=1e-11, atol=1e-11)
 
 
-def test_reading_before_the_first_pulse_does_not_close_the_past():
+def test_a_pulse_before_the_first_sample_has_its_rate():
     stream = Contraction(average_subject())
     stream.force(grid(1.0, 1.001))
     onset_ns = np.array([960, 1010]) * MILLISECOND
     stream.add_pulses(onset_ns, [0.8, 0.9])
-    expected = superposition(
-        average_subject(), onset_ns, np.array([0.8, 0.9]), grid(0.95, 1.2), None
-    )
+    stamp_ns = grid(1.001, 1.2)
+    expected = superposition(average_subject(), onset_ns, np.array([0.8, 0.9]), stamp_ns, None)
     # As above; the second pulse has its rate of 20 Hz only if the first one is still known.
-    np.testing.assert_allclose(stream.force(grid(0.95, 1.2)), expected, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(stream.force(stamp_ns), expected, rtol=1e-11, atol=1e-11)
 
 
-def test_a_pulse_from_before_the_window_acts_at_its_own_time():
-    train = regular_train(3.0)
-    late = np.array([512 * MILLISECOND + 77])
-    stream = Contraction(average_subject(), fixed_rate_hz=20.0, window=0.5)
-    stream.add_pulses(train.onset_ns, train.intensity)
-    stream.force(grid(0.0, 1.2))
-    stream.add_pulses(late, [0.9])
-    onset_ns = np.concatenate((train.onset_ns, late))
-    intensity = np.concatenate((train.intensity, [0.9]))
-    stamp_ns = grid(1.2, 2.0)
-    expected = superposition(average_subject(), onset_ns, intensity, stamp_ns, 20.0)
-    # As above.
-    np.testing.assert_allclose(stream.force(stamp_ns), expected, rtol=1e-12, atol=1e-12)
+def test_a_pulse_of_a_clock_that_was_never_set_does_nothing():
+    stream = Contraction(average_subject())
+    stream.add_pulses(0, 1.0)
+    assert stream.force(EPOCH_NS) == 0.0
 
 
 @pytest.mark.parametrize('intensity', [-0.01, 1.01, float('nan'), float('inf')])
@@ -141,12 +107,18 @@ def test_a_bad_intensity_adds_nothing(intensity):
     np.testing.assert_array_equal(contraction.force(50 * MILLISECOND), 0.0)
 
 
-def test_force_cannot_be_read_from_before_the_window():
-    contraction = Contraction(average_subject(), window=0.1)
-    contraction.add_pulses([0, 50 * MILLISECOND], [1.0, 1.0])
+@pytest.mark.parametrize(
+    ('stamps', 'fault'),
+    [
+        ([1], 'expected times from .* ns on, got 1 ns'),
+        ([2**40, 2**39], 'expected ascending times'),
+    ],
+)
+def test_force_is_read_forwards(stamps, fault):
+    contraction = Contraction(average_subject())
     contraction.force(NANOSECONDS_PER_SECOND)
-    with pytest.raises(MuscleError, match='expected times from 59450000 ns on, got 1 ns'):
-        contraction.force([NANOSECONDS_PER_SECOND, 1])
+    with pytest.raises(MuscleError, match=fault):
+        contraction.force(stamps)
 
 
 EPOCH_NS = 1_700_000_000 * NANOSECONDS_PER_SECOND
@@ -167,22 +139,11 @@ def epoch_grid(seconds) -> IntArray:
     return EPOCH_NS + MILLISECOND * np.arange(round(1000 * seconds), dtype=np.int64)
 
 
-def living(changing, subject=None, seconds=3.0) -> LivingContraction:
-    muscle = LivingContraction(subject or average_subject(), changing, EPOCH_NS)
+def living(changing, rate_hz=None, seconds=3.0) -> Contraction:
+    muscle = Contraction(average_subject(), rate_hz, changing, EPOCH_NS)
     pulses = train(seconds)
     muscle.add_pulses(pulses.onset_ns, pulses.intensity)
     return muscle
-
-
-def test_a_muscle_that_does_not_change_is_the_steady_one():
-    steady = Contraction(average_subject())
-    pulses = train(3.0)
-    steady.add_pulses(pulses.onset_ns, pulses.intensity)
-    # both are exact; the moments go through different steps, so only rounding is left
-    expected = steady.force(epoch_grid(3.0))
-    np.testing.assert_allclose(
-        living(LivingSettings()).force(epoch_grid(3.0)), expected, rtol=1e-11
-    )
 
 
 @settings(max_examples=30)
@@ -226,9 +187,7 @@ def chain(subject, pulses, fatigue, seconds) -> FloatArray:
 
 
 def test_fatigue_follows_its_differential_equations():
-    muscle = LivingContraction(average_subject(), TIRING, EPOCH_NS, fixed_rate_hz=20.0)
-    pulses = train(4.0)
-    muscle.add_pulses(pulses.onset_ns, pulses.intensity)
+    muscle, pulses = living(TIRING, 20.0, 4.0), train(4.0)
     force = muscle.force(epoch_grid(4.0) + MILLISECOND)[-1]
     state = muscle.state(EPOCH_NS)
     slow = state.time_constant / average_subject().time_constant
@@ -262,7 +221,7 @@ def test_force_never_falls_below_the_lowest_gain():
 def test_potentiation_grows_towards_its_largest_value_and_fades():
     growing = LivingSettings(potentiation=Potentiation(0.5, 0.2, 30.0))
     subject = average_subject()
-    muscle = LivingContraction(subject, growing, EPOCH_NS)
+    muscle = Contraction(subject, settings=growing, start_ns=EPOCH_NS)
     pulses = PulseTrain.regular(np.ones(60), 20.0, EPOCH_NS)
     muscle.add_pulses(pulses.onset_ns, pulses.intensity)
     muscle.force(epoch_grid(3.0))
@@ -276,7 +235,7 @@ def test_potentiation_grows_towards_its_largest_value_and_fades():
 def test_a_moved_coil_shifts_the_curve():
     subject = simulation_subject()
     move = Change(1.0, threshold=0.56, saturation=1.06, gain=0.8)
-    muscle = LivingContraction(subject, LivingSettings(changes=(move,)), EPOCH_NS)
+    muscle = Contraction(subject, None, LivingSettings(changes=(move,)), EPOCH_NS)
     u = np.linspace(0.0, 1.0, 11)
     before = muscle.steady_force(EPOCH_NS, u, 20.0)
     after = muscle.steady_force(EPOCH_NS + 2 * NANOSECONDS_PER_SECOND, u, 20.0)
@@ -295,7 +254,7 @@ def test_a_moved_coil_shifts_the_curve():
 @pytest.mark.parametrize('intensity', [0.8, 1.0])
 def test_the_true_curve_is_the_force_of_a_train(change, intensity):
     subject = simulation_subject()
-    muscle = LivingContraction(subject, LivingSettings(changes=(change,)), EPOCH_NS, 20.0)
+    muscle = Contraction(subject, 20.0, LivingSettings(changes=(change,)), EPOCH_NS)
     pulses = PulseTrain.regular(np.full(100, intensity), 20.0, EPOCH_NS)
     muscle.add_pulses(pulses.onset_ns, pulses.intensity)
     mean = muscle.force(epoch_grid(5.0))[4000:].mean()
@@ -304,19 +263,6 @@ def test_the_true_curve_is_the_force_of_a_train(change, intensity):
     assert mean == pytest.approx(truth, rel=1e-4)
     if change.gain is None:
         assert truth == pytest.approx(subject.steady_force(intensity, 20.0))
-
-
-def test_a_late_pulse_acts_from_its_own_time():
-    whole, late = (
-        living(LivingSettings()),
-        LivingContraction(average_subject(), LivingSettings(), EPOCH_NS),
-    )
-    pulses = train(3.0)
-    late.add_pulses(pulses.onset_ns[:-1], pulses.intensity[:-1])
-    late.force(epoch_grid(2.98))
-    late.add_pulses(pulses.onset_ns[-1], pulses.intensity[-1])
-    stamps = EPOCH_NS + 2_990 * MILLISECOND + MILLISECOND * np.arange(100, dtype=np.int64)
-    np.testing.assert_allclose(late.force(stamps), whole.force(stamps), rtol=1e-11)
 
 
 @pytest.mark.parametrize(

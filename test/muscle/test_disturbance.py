@@ -22,7 +22,7 @@ from rpms_ros.muscle.scenario import (
 )
 from rpms_ros.muscle.sensor import KINDS, FaultySensor, SensorFault
 from rpms_ros.muscle.simulation import Surroundings, simulate_session
-from rpms_ros.muscle.time_varying import Change, Fatigue, LivingSettings, muscle_of
+from rpms_ros.muscle.time_varying import Change, Fatigue, LivingSettings
 from rpms_ros.pulses import FloatArray, ForceTrace, PulseTrain
 
 SAMPLES = 2000
@@ -262,7 +262,7 @@ SCENARIO = Scenario(
 
 
 def session(scenario, truth_rate=0.0):
-    muscle = muscle_of(simulation_subject(), scenario.living, 20.0)
+    muscle = Contraction(simulation_subject(), 20.0, scenario.living)
     return simulate_session(muscle, Surroundings(scenario, 1), PULSES, SESSION_NS, truth_rate)
 
 

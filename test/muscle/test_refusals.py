@@ -26,8 +26,6 @@ from rpms_ros.muscle.sensor import SensorFault
 from rpms_ros.muscle.time_varying import (
     Change,
     Fatigue,
-    LivingContraction,
-    LivingSettings,
     Potentiation,
 )
 
@@ -36,7 +34,6 @@ IMPOSSIBLE = (0.0, -1.0, NAN, INF)
 ENDS, SLOPES = ('threshold', 'saturation'), ('threshold_slope', 'saturation_slope')
 RATES, RATE = ('slope', 'gain', 'lowest_rate'), 'repetition rate above 0 Hz, got'
 POSITIVE = ('drift_period', 'artifact_decay', 'saturation')
-LIVING = of(LivingContraction, average_subject(), LivingSettings(), 0)
 
 
 def each(make, names, values, fault):
@@ -65,8 +62,6 @@ def each(make, names, values, fault):
         (of(subject_by_name, 'x'), "a subject of rpms, fes, simulation, got 'x'"),
         *each(of(summed_twitches, 0.1, time_constant=0.04), ['rate_hz'], IMPOSSIBLE, RATE),
         *each(of(Contraction, average_subject()), ['fixed_rate_hz'], IMPOSSIBLE, RATE),
-        *each(LIVING, ['fixed_rate_hz'], IMPOSSIBLE, RATE),
-        *each(of(Contraction, average_subject()), ['window'], IMPOSSIBLE, '{} above 0 s, got'),
         (
             of(Contraction(average_subject()).add_pulses, [0, 1], [0.5]),
             'as many intensities as onsets, got 1 and 2',
