@@ -31,12 +31,16 @@ from pathlib import Path
 import numpy as np
 from backports import zstd
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
+
+from sqlite_bags import as_sqlite3
+
 from rpms_ros.cli import main as rpms
 from rpms_ros.pulses import ForceTrace, PulseTrain
 from rpms_ros.recording import write_recording
 from rpms_ros.recording.rosbag.metadata import NAME as METADATA, write_checksums
 
-STORAGES = (('mcap', ''), ('mcap', 'lz4'), ('mcap', 'zstd'), ('sqlite3', ''))
+STORAGES = ('', 'lz4', 'zstd', 'sqlite3')
 COMMANDS = ('info', 'verify', 'identify')
 # The quickest estimator: it is the reading that is tried.
 _OPTIONS = {'identify': ('--estimator', 'recursive')}
@@ -53,12 +57,13 @@ def simulated(folder: Path) -> list[Path]:
     pulses = PulseTrain.regular(generator.random(20), 20.0, 10**18)
     forces = ForceTrace(stamp_ns, generator.standard_normal(1000))
     paths = []
-    for storage, compression in STORAGES:
-        path = folder / f'{storage}{compression}'
+    for storage in STORAGES:
+        path = folder / f'mcap{storage}'
         custom = {'operator': 'somebody', 'seed': '7'}
-        write_recording(
-            path, pulses, forces, storage=storage, compression=compression, custom=custom
-        )
+        compression = '' if storage == 'sqlite3' else storage
+        write_recording(path, pulses, forces, compression=compression, custom=custom)
+        if storage == 'sqlite3':
+            as_sqlite3(path)
         paths.append(path)
     return [*paths, packed(paths[0], folder / 'mcapfile')]
 

@@ -27,13 +27,17 @@ import numpy as np
 from mcap.opcode import Opcode
 from rosbags.highlevel import AnyReader
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
+
+from sqlite_bags import as_sqlite3
+
 from rpms_ros.cli import main as rpms
 from rpms_ros.recording import read_recording, write_recording
-from rpms_ros.recording.rosbag import mcap_files, metadata
+from rpms_ros.recording.rosbag import mcap_files
 from rpms_ros.recording.rosbag.mcap_files import MAGIC, walk
 
 LOOP_MESSAGES = 100_000
-STORAGES = (('mcap', ''), ('mcap', 'lz4'), ('mcap', 'zstd'), ('sqlite3', ''))
+STORAGES = ('', 'lz4', 'zstd', 'sqlite3')
 LEAST_RATIO, LONGEST, LARGEST = 10.0, 15.0, 1.5
 DEAREST_CHECK = 1.1
 _REPEATS = 7
@@ -67,13 +71,10 @@ def loop_time(path: Path, messages: int, decode: bool) -> float:
 
 
 def unchecked(path: Path) -> Path:
-    """Return a copy of a recording without any checksum: 0 in mcap, no line in metadata.yaml."""
+    """Return a copy of a recording without any checksum."""
     copy = path.with_name(f'{path.name}_unchecked')
     shutil.copytree(path, copy)
-    (copy / 'SHA256SUMS').unlink()
-    metadata = copy / 'metadata.yaml'
-    lines = metadata.read_text().splitlines(keepends=True)
-    metadata.write_text(''.join(line for line in lines if 'storage_crc32' not in line))
+    (copy / 'SHA256SUMS').unlink(missing_ok=True)
     for file in copy.glob('*.mcap'):
         content = bytearray(file.read_bytes())
         frame, _ = walk(np.frombuffer(content, np.uint8), len(MAGIC))
@@ -88,21 +89,15 @@ def unchecked(path: Path) -> Path:
     return copy
 
 
-def taking(crc32: Callable[..., int]) -> None:
-    """Let the readers compute checksums with a function."""
-    for module in (mcap_files, metadata):
-        vars(module)['crc32'] = crc32
-
-
 def bulk_times(path: Path) -> tuple[float, float, float]:
     """Least times of reading, of reading with zlib and without checking [s], taken by turns."""
-    copy, installed = unchecked(path), metadata.crc32
+    copy, installed = unchecked(path), mcap_files.crc32
     times = []
     for _ in range(_REPEATS):
         checked = seconds(lambda: read_recording(path))
-        taking(zlib.crc32)
+        vars(mcap_files)['crc32'] = zlib.crc32
         slowly = seconds(lambda: read_recording(path))
-        taking(installed)
+        vars(mcap_files)['crc32'] = installed
         times.append((checked, slowly, seconds(lambda: read_recording(copy))))
     shutil.rmtree(copy)
     checked, slowly, plain = (min(column) for column in zip(*times, strict=True))
@@ -151,16 +146,13 @@ def main() -> int:
             f'{"with loop":>13}{"ratio":>9}{"checking":>11}{"zlib":>8}'
         )
         ratios = [compare(first, messages, 'mcap')]
-        for storage, compression in STORAGES[1:]:
-            path = Path(folder, f'{storage}{compression}')
-            write_recording(
-                path,
-                recording.pulses,
-                recording.forces,
-                storage=storage,
-                compression=compression,
-            )
-            ratios.append(compare(path, messages, f'{storage} {compression}'.strip()))
+        for storage in STORAGES[1:]:
+            path = Path(folder, storage)
+            compression = '' if storage == 'sqlite3' else storage
+            write_recording(path, recording.pulses, recording.forces, compression=compression)
+            if storage == 'sqlite3':
+                as_sqlite3(path)
+            ratios.append(compare(path, messages, storage))
         span, processor, memory = identify(first, arguments.estimator)
         print(
             f'  rpms identify --estimator {arguments.estimator}: {span:.1f} s '

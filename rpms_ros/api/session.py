@@ -169,17 +169,15 @@ class Session:
             )
         return verify(self.recording.facts.path, self.topics, key)
 
-    def save(self, path: str | Path, storage: str = 'mcap', compression: str = '') -> None:
-        """Write pulses and force as a recording with checksums.
+    def save(self, path: str | Path, compression: str = '') -> None:
+        """Write pulses and force as a recording of mcap with checksums.
 
         Parameters
         ----------
         path : str or Path
             Folder that does not exist yet.
-        storage : str
-            ``mcap`` or ``sqlite3``.
         compression : str
-            Of mcap: empty, ``lz4`` or ``zstd``.
+            Of its chunks: empty, ``lz4`` or ``zstd``.
 
         Raises
         ------
@@ -190,7 +188,6 @@ class Session:
             path,
             self.pulses,
             self.force,
-            storage=storage,
             compression=compression,
             custom={'source': self.name},
             quantity=self.recording.quantity,

@@ -39,8 +39,7 @@ def add_simulate(subparsers: Subparsers) -> None:
         subparsers, 'simulate', run, 'a recording of a simulated session', _DESCRIPTION, _EXAMPLES
     )
     parser.add_argument('--out', type=Path, required=True, metavar='BAG', help='new folder')
-    add_option(parser, '--storage', 'mcap', 'format', choices=('mcap', 'sqlite3'))
-    add_option(parser, '--compression', '', 'of mcap', choices=('', 'lz4', 'zstd'))
+    add_option(parser, '--compression', '', 'of the recording', choices=('', 'lz4', 'zstd'))
     group = parser.add_argument_group('stimulation')
     add_option(
         group,
@@ -81,9 +80,9 @@ def add_simulate(subparsers: Subparsers) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Simulate and record the session."""
     from rpms_ros.api import simulating
+    from rpms_ros.muscle.contraction import Contraction
     from rpms_ros.muscle.scenario import Scenario, load_scenario
     from rpms_ros.muscle.simulation import Surroundings, simulate_session
-    from rpms_ros.muscle.time_varying import muscle_of
     from rpms_ros.recording import write_recording
 
     if arguments.out.exists():
@@ -104,7 +103,7 @@ def run(arguments: argparse.Namespace) -> int:
     stamp_ns = simulating.sample_times(schedule.length_s, arguments.rate)
     with progress('simulating', len(stamp_ns), 'samples', arguments.quiet) as advance:
         forces, truths = simulate_session(
-            muscle_of(subject, scenario.living, fixed_rate),
+            Contraction(subject, fixed_rate, scenario.living),
             Surroundings(scenario, seed),
             pulses,
             stamp_ns,
@@ -115,7 +114,6 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.out,
         pulses,
         forces,
-        storage=arguments.storage,
         compression=arguments.compression,
         custom={
             'subject': json.dumps(asdict(subject)),

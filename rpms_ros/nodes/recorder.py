@@ -132,7 +132,6 @@ class RecorderParameters(NodeParameters):
         '',
         'Folder of the recording, which must not exist yet; empty: named by time and namespace.',
     )
-    storage: str = parameter('mcap', 'Format of the file.', choices=('mcap', 'sqlite3'))
     topics: tuple[str, ...] = parameter(
         tuple(_TOPICS),
         'Topics to record; those without publisher stay empty.',
@@ -224,7 +223,7 @@ class Recorder(Node):
         now = datetime.now().astimezone().strftime('rpms_%Y%m%d_%H%M%S_%f')
         name = '_'.join(filter(None, [now, *self.get_namespace().split('/')]))
         path = Path(settings.path or name).expanduser()
-        return RecordingWriter(path, storage=settings.storage, key=key)
+        return RecordingWriter(path, key=key)
 
     def _take(self) -> None:
         """Write the new messages in the order of their arrival."""

@@ -5,16 +5,16 @@
 Never a traceback, and no warning of a library between the lines.
 """
 
-import sqlite3
 from collections.abc import Callable
-from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from rpms_ros.pulses import ForceTrace, PulseTrain
-from rpms_ros.recording import write_recording
+from rpms_ros.recording import RecordingWriter, write_recording
+from rpms_ros.recording.rosbag.definitions import PULSE, WRENCH_STAMPED
+from rpms_ros.recording.rosbag.writing import encode_forces
 
 Rpms = Callable[..., tuple[int, str, str]]
 STAMP_NS = 10**18 + np.arange(2000, dtype=np.int64) * 1_000_000
@@ -69,11 +69,15 @@ def test_identify_ends_as_documented(
 
 def test_pulses_that_can_all_not_be_decoded_leave_a_verdict(rpms: Rpms, tmp_path: Path) -> None:
     path = tmp_path / 'bag'
-    pulses = PulseTrain.regular(INTENSITY, 20.0, int(STAMP_NS[0]))
-    write_recording(path, pulses, ForceTrace(STAMP_NS, FORCE), storage='sqlite3')
-    with closing(sqlite3.connect(path / 'bag_0.db3')) as database, database:
-        (number,) = database.execute("SELECT id FROM topics WHERE name = '/pulses'").fetchone()
-        database.execute("UPDATE messages SET data = x'00010000' WHERE topic_id = ?", (number,))
+    forces = encode_forces(ForceTrace(STAMP_NS, FORCE), np.array([0.0, 0.0, 1.0]))
+    with RecordingWriter(path) as writer:
+        pulse, force = (
+            writer.add_topic('/pulses', PULSE),
+            writer.add_topic('/force', WRENCH_STAMPED),
+        )
+        for index, time_ns in enumerate(STAMP_NS.tolist()):
+            writer.append(force, time_ns, forces.message(index))
+            writer.append(pulse, time_ns, b'\0\1\0\0')
     code, out, _ = rpms('identify', path, '--quiet')
     assert code == 3
     assert 'no: there is no pulse above intensity 0' in ' '.join(out.split())

@@ -18,14 +18,12 @@ from rpms_ros.stimulation import paper_random
 Rpms = Callable[..., tuple[int, str, str]]
 
 
-@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
-def test_session_of_the_paper(rpms: Rpms, tmp_path: Path, storage: str) -> None:
+def test_session_of_the_paper(rpms: Rpms, tmp_path: Path) -> None:
     path = tmp_path / 'session'
-    code, out, err = rpms('simulate', '--out', path, '--duration', 5, '--storage', storage)
+    code, out, err = rpms('simulate', '--out', path, '--duration', 5)
     assert (code, err) == (0, '')
     assert out == f'{path}: 100 pulses, 5000 samples, 5 s\n'
     recording = read_recording(path)
-    assert recording.facts.storage == storage
     start_ns = int(recording.forces.stamp_ns[0])
     expected = paper_random(5.0, 20.0, 1).pulses(start_ns)
     assert recording.pulses.onset_ns.tolist() == expected.onset_ns.tolist()
@@ -70,7 +68,6 @@ def test_a_file_says_itself_how_long_and_how_fast(rpms: Rpms, tmp_path: Path) ->
         (['--noise', '-1'], 'noise of at least 0 N, got -1.0'),
         (['--intensity', '2', '--schedule', 'constant'], 'intensity.* got 2'),
         (['--intensity', '0.5'], 'expected --schedule constant with --intensity, got --sch'),
-        (['--storage', 'sqlite3', '--compression', 'lz4'], 'expected compression lz4 or zstd of'),
     ],
 )
 def test_bad_options(rpms: Rpms, tmp_path: Path, options: list[str], message: str) -> None:

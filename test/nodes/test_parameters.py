@@ -294,7 +294,7 @@ def test_a_user_may_replace_the_quality_of_the_force(graph, tmp_path, capfd, kin
         (Identifier, {'state_folder': '/no/such'}, 'expected a folder'),
         (Identifier, {DEPTH: 0}, 'expected a depth of 1'),
         (PlantSimulator, {'rate': -1.0}, 'rate'),
-        (Recorder, {'storage': 'tape'}, 'storage'),
+        (Recorder, {'topics': ['tape']}, 'topics'),
         (Recorder, {'path': '/proc/no/such'}, 'expected'),
         (Recorder, {DEPTH: 0}, 'expected a depth of 1'),
         (LivePage, {'address': 'no such address'}, 'address'),

@@ -80,11 +80,10 @@ def check(path, samples):
     np.testing.assert_array_equal(recording.pulses.sequence, np.arange(len(stamps[::50])))
 
 
-@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
-def test_what_was_published_is_in_the_recording(graph, tmp_path, storage):
+def test_what_was_published_is_in_the_recording(graph, tmp_path):
     source = Source(graph)
     path = tmp_path / 'session'
-    recorder = graph.add(Recorder, path=str(path), storage=storage)
+    recorder = graph.add(Recorder, path=str(path))
     source.wait_for_listeners()
     source.send(SAMPLES)
     graph.wait_for(lambda: recorder.counts['force'] == SAMPLES)

@@ -5,6 +5,7 @@
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,13 @@ RECORDINGS = Path(os.environ.get('RPMS_RECORDINGS', Path(__file__).parents[3] / 
 
 Message = tuple[str, str, int, Any]
 """Topic, type, time of reception [ns] and message of rosbags."""
+
+
+@pytest.fixture
+def as_sqlite3(beside: Callable[[str], ModuleType]) -> Callable[[Path], Path]:
+    """Turn a recording into one of sqlite3."""
+    convert: Callable[[Path], Path] = beside('sqlite_bags').as_sqlite3
+    return convert
 
 
 @pytest.fixture

@@ -18,9 +18,9 @@ Arrivals = list[tuple[bool, int]]
 """Whether each message is a pulse, and the time at which it was received [ns]."""
 
 
-def written(path: Path, arrivals: Arrivals, make: Any, storage: str = 'mcap') -> Recording:
+def written(path: Path, arrivals: Arrivals, make: Any) -> Recording:
     """Return a recording of messages that are numbered in the order in which they came."""
-    with RecordingWriter(path, storage) as writer:
+    with RecordingWriter(path) as writer:
         topics = writer.add_topic('/force', WRENCH_STAMPED), writer.add_topic('/pulses', PULSE)
         for number, (is_pulse, time_ns) in enumerate(arrivals):
             kind = PULSE if is_pulse else WRENCH_STAMPED
@@ -52,12 +52,12 @@ arrivals = st.lists(st.tuples(st.booleans(), st.integers(0, 2**50)), max_size=30
 @settings(
     suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=25, deadline=None
 )
-@given(drawn=arrivals, storage=st.sampled_from(['mcap', 'sqlite3']))
+@given(drawn=arrivals)
 def test_the_order_written_is_the_order_read_where_the_clock_steps_back(
-    tmp_path_factory: pytest.TempPathFactory, make: Any, drawn: Arrivals, storage: str
+    tmp_path_factory: pytest.TempPathFactory, make: Any, drawn: Arrivals
 ) -> None:
     path = tmp_path_factory.mktemp('order') / 'bag'
-    recording = written(path, drawn, make, storage)
+    recording = written(path, drawn, make)
     # The last force sample was received before the first: the clock of one topic stepped back.
     assert order_of(recording) == list(range(len(drawn)))
     received = {True: recording.pulse_received_ns, False: recording.force_received_ns}
@@ -65,8 +65,7 @@ def test_the_order_written_is_the_order_read_where_the_clock_steps_back(
         assert times.tolist() == [time_ns for kind, time_ns in drawn if kind is is_pulse]
 
 
-@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
-def test_arrays_with_a_clock_set_back_keep_their_order(tmp_path: Path, storage: str) -> None:
+def test_arrays_with_a_clock_set_back_keep_their_order(tmp_path: Path) -> None:
     stamp_ns = 10 * SECOND + np.arange(4000, dtype=np.int64) * 1_000_000
     stamp_ns[2000:] -= 3 * SECOND // 2
     onset_ns = stamp_ns[::50].copy()
@@ -74,7 +73,7 @@ def test_arrays_with_a_clock_set_back_keep_their_order(tmp_path: Path, storage: 
         onset_ns, np.full(80, 0.5), np.arange(80, dtype=np.int64), np.full(80, 1e-4)
     )
     path = tmp_path / 'bag'
-    write_recording(path, pulses, ForceTrace(stamp_ns, np.arange(4000.0)), storage=storage)
+    write_recording(path, pulses, ForceTrace(stamp_ns, np.arange(4000.0)))
     recording = read_recording(path)
     assert recording.forces.stamp_ns.tolist() == stamp_ns.tolist()
     assert recording.pulses.onset_ns.tolist() == onset_ns.tolist()

@@ -69,8 +69,11 @@ def test_a_packed_file_that_unpacks_into_a_full_disk_is_refused(tmp_path: Path) 
         read_facts(path, memory=10_000_000)
 
 
-def test_more_messages_than_the_memory_takes_are_refused(session: Session, tmp_path: Path) -> None:
-    write_recording(tmp_path / 'bag', *session, storage='sqlite3')
+def test_more_messages_than_the_memory_takes_are_refused(
+    session: Session, tmp_path: Path, as_sqlite3: Callable[[Path], Path]
+) -> None:
+    write_recording(tmp_path / 'bag', *session)
+    as_sqlite3(tmp_path / 'bag')
     with pytest.raises(RecordingError, match=r'read within 0.0001 GB .* got more messages'):
         read_recording(tmp_path / 'bag', memory=100_000)
     write_recording(tmp_path / 'one_chunk', *session)

@@ -29,18 +29,17 @@ pulses = PulseTrain.regular(np.full(1000, 0.5), 20.0)
 resource.setrlimit(resource.RLIMIT_FSIZE, (3_000_000, resource.RLIM_INFINITY))
 forces = ForceTrace(stamp_ns, np.ones(50_000))
 try:
-    write_recording(sys.argv[1], pulses, forces, storage=sys.argv[2])
+    write_recording(sys.argv[1], pulses, forces)
 except RecordingError as error:
     print(error)
 """
 
 
 @pytest.mark.long
-@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
-def test_full_device_is_told_and_what_fits_is_kept(tmp_path: Path, storage: str) -> None:
+def test_full_device_is_told_and_what_fits_is_kept(tmp_path: Path) -> None:
     path = tmp_path / 'bag'
     done = subprocess.run(
-        [sys.executable, '-c', FULL_DEVICE, str(path), storage],
+        [sys.executable, '-c', FULL_DEVICE, str(path)],
         capture_output=True,
         text=True,
         timeout=120,
@@ -51,8 +50,7 @@ def test_full_device_is_told_and_what_fits_is_kept(tmp_path: Path, storage: str)
     assert done.stdout.count('\n') == 1
     facts = read_facts(path)
     force = next(topic for topic in facts.topics if topic.name == '/force')
-    # 3 MB hold 25,000 messages of 119 bytes; mcap loses what comes after the last whole chunk of
-    # 8192, sqlite3 what its journal has no room for beside the messages.
+    # 3 MB hold 25,000 messages of 119 bytes; what is behind the last whole chunk of 8192 is lost.
     assert 8_000 < force.count < 26_000
 
 
@@ -71,27 +69,22 @@ def test_a_failure_of_the_caller_still_closes_the_recording(tmp_path: Path) -> N
     assert facts.topics[0].count == 1
 
 
-def test_unknown_storage_and_compression(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match="expected storage mcap or sqlite3, got 'bag'"):
-        RecordingWriter(tmp_path / 'bag', 'bag')
-    with pytest.raises(RecordingError, match="expected compression lz4 or zstd of mcap, got 'gz'"):
-        RecordingWriter(tmp_path / 'bag', compression='gz')
-    with pytest.raises(RecordingError, match=r'expected compression .* got .lz4. of sqlite3'):
-        RecordingWriter(tmp_path / 'bag', 'sqlite3', 'lz4')
+def test_unknown_compression(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="expected compression lz4 or zstd, got 'gz'"):
+        RecordingWriter(tmp_path / 'bag', 'gz')
     assert not (tmp_path / 'bag').exists()
 
 
 def test_further_topics_are_merged_by_time(tmp_path: Path) -> None:
-    for storage in ('mcap', 'sqlite3'):
-        path = tmp_path / storage
-        text = FurtherTopic('/notes', 'std_msgs/msg/String', [5, 25], [b'one', b'two'])
-        forces = ForceTrace(np.array([0, 10, 20, 30]), np.zeros(4))
-        write_recording(path, PulseTrain.of([]), forces, storage=storage, further=[text])
-        counts = {topic.name: topic.count for topic in read_facts(path).topics}
-        assert counts == {'/pulses': 0, '/force': 4, '/notes': 2}
-        places = {
-            channel.topic: records.place.tolist()
-            for channel, records in Scan(path).blocks()
-            if records.place is not None
-        }
-        assert places['/notes'] == [1, 4]
+    path = tmp_path / 'bag'
+    text = FurtherTopic('/notes', 'std_msgs/msg/String', [5, 25], [b'one', b'two'])
+    forces = ForceTrace(np.array([0, 10, 20, 30]), np.zeros(4))
+    write_recording(path, PulseTrain.of([]), forces, further=[text])
+    counts = {topic.name: topic.count for topic in read_facts(path).topics}
+    assert counts == {'/pulses': 0, '/force': 4, '/notes': 2}
+    places = {
+        channel.topic: records.place.tolist()
+        for channel, records in Scan(path).blocks()
+        if records.place is not None
+    }
+    assert places['/notes'] == [1, 4]

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What stands beside the messages of a recording: metadata.yaml, checksums, and a signature.
 
-metadata.yaml is written as version 9 of rosbag2; that of any writer is believed only if it is
-whole and what it should be.  No YAML reader of Python bounds how deep it calls itself.
+metadata.yaml is believed only if it is whole and what it should be.  No YAML reader of Python
+bounds how deep it calls itself.
 
 ``SHA256SUMS`` is the format of ``sha256sum --check``.  ``SHA256SUMS.hmac`` holds the HMAC-SHA256
 of that file under the key of the laboratory: it cannot be made without the key.
@@ -12,126 +12,17 @@ of that file under the key of the laboratory: it cannot be made without the key.
 import hashlib
 import hmac
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import yaml
-from rosbags.interfaces import Qos
-from rosbags.rosbag2.metadata import dump_qos_v9
 
 from rpms_ros.errors import RecordingError
-from rpms_ros.recording.rosbag.records import Channel, Findings
+from rpms_ros.recording.rosbag.records import Findings
 
-try:
-    # Ten times as quick: checking a recording then costs next to nothing of reading it.
-    from isal.isal_zlib import crc32 as crc32
-except ImportError:
-    from zlib import crc32 as crc32
-
-VERSION = 9
 NAME = 'metadata.yaml'
 KEY = 'rosbag2_bagfile_information'
-CRC_KEY = 'storage_crc32'
-"""Name in `custom_data` under which the CRC-32 of a sqlite3 file stands."""
-_NO_TIME = 2**63 - 1
-
-
-@dataclass
-class TopicEntry:
-    """A topic that is written.
-
-    Attributes
-    ----------
-    channel : Channel
-        Its name and type.
-    digest : str
-        Hash of the type.
-    qos : sequence of Qos
-        Quality of service that its publishers offer.
-    count : int
-        Number of messages so far.
-    """
-
-    channel: Channel
-    digest: str
-    qos: Sequence[Qos] = ()
-    count: int = 0
-
-
-def metadata_of(
-    file_name: str,
-    storage: str,
-    topics: Sequence[TopicEntry],
-    span_ns: tuple[int, int] | None,
-    custom: Mapping[str, str],
-) -> dict[str, Any]:
-    """Return the metadata of a recording with one file.
-
-    Parameters
-    ----------
-    file_name : str
-        Name of the storage file.
-    storage : str
-        ``mcap`` or ``sqlite3``.
-    topics : sequence of TopicEntry
-        What was written.
-    span_ns : (int, int) or None
-        First and last time of reception [ns]; None without messages.
-    custom : mapping of str to str
-        Notes for people.
-    """
-    first, last = span_ns or (_NO_TIME, _NO_TIME)
-    span = {
-        'starting_time': {'nanoseconds_since_epoch': first},
-        'duration': {'nanoseconds': last - first},
-        'message_count': sum(topic.count for topic in topics),
-    }
-    return {
-        'version': VERSION,
-        'storage_identifier': storage,
-        'relative_file_paths': [file_name],
-        **span,
-        'topics_with_message_count': [_topic(topic) for topic in topics],
-        'compression_format': '',
-        'compression_mode': '',
-        'files': [{'path': file_name, **span}],
-        'custom_data': dict(custom) or None,
-        'ros_distro': 'jazzy',
-    }
-
-
-def _topic(topic: TopicEntry) -> dict[str, Any]:
-    return {
-        'topic_metadata': {
-            'name': topic.channel.topic,
-            'type': topic.channel.type_name,
-            'serialization_format': topic.channel.serialization,
-            'offered_qos_profiles': dump_qos_v9(list(topic.qos)),
-            'type_description_hash': topic.digest,
-        },
-        'message_count': topic.count,
-    }
-
-
-def qos_text(qos: Sequence[Qos]) -> str:
-    """Return profiles as rosbag2 writes them into a storage file."""
-    return as_yaml(dump_qos_v9(list(qos))) if qos else ''
-
-
-def as_yaml(document: object) -> str:
-    """Return a document as rosbag2 writes it."""
-    return yaml.dump(document, Dumper=_Dumper, sort_keys=False, allow_unicode=True)
-
-
-class _Dumper(yaml.SafeDumper):
-    """Writes what stands in two places twice, not once and a reference to it."""
-
-    def ignore_aliases(self, _data: object) -> bool:
-        return True
-
-
 # A recording with a thousand topics has a tenth of it [bytes].
 _LARGEST = 4_000_000
 _DEEPEST = 32
@@ -252,7 +143,6 @@ SIGNATURE_NAME = 'SHA256SUMS.hmac'
 SHORTEST_KEY = 16
 _LONGEST = 1 << 16
 _LINE = re.compile(r'([0-9a-f]{64})  ([^/\0]+)')
-_BLOCK = 1 << 20
 
 
 def write_checksums(folder: Path, names: Iterable[str], key: bytes | None = None) -> None:
@@ -296,15 +186,6 @@ def sha256(path: Path) -> str:
     """Return the SHA-256 of a file as hexadecimal digits."""
     with path.open('rb') as file:
         return hashlib.file_digest(file, 'sha256').hexdigest()
-
-
-def file_crc32(path: Path) -> int:
-    """Return the CRC-32 of a file, which is quick enough for every reading."""
-    value = 0
-    with path.open('rb') as file:
-        while block := file.read(_BLOCK):
-            value = crc32(block, value)
-    return value
 
 
 def signature(text: bytes, key: bytes) -> str:

@@ -18,7 +18,7 @@ import numpy as np
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.recording.rosbag.mcap_files import McapFile
-from rpms_ros.recording.rosbag.metadata import CRC_KEY, NAME as METADATA, file_crc32, read_metadata
+from rpms_ros.recording.rosbag.metadata import NAME as METADATA, read_metadata
 from rpms_ros.recording.rosbag.records import (
     ZSTD_MAGIC,
     Batch,
@@ -125,7 +125,6 @@ class Scan:
         # a few aliases within each other stand for more than a memory holds
         plain = (str, int, float)
         self.custom = {str(key): str(one) for key, one in custom if isinstance(one, plain)}
-        self._crc32 = self.custom.pop(CRC_KEY, '')
         self._stated = metadata.get('message_count')
         entries = [one['topic_metadata'] for one in metadata.get('topics_with_message_count', [])]
         keys = [(entry['name'], entry['type']) for entry in entries]
@@ -151,10 +150,6 @@ class Scan:
             self.findings.add('wrong_count', remark)
 
     def _file(self, path: Path, progress: Progress | None) -> Iterator[tuple[Channel, Records]]:
-        # mcap has checksums of its own
-        stated = re.fullmatch('[0-9a-f]{8}', self._crc32)
-        if stated and file_crc32(path) != int(self._crc32, 16):
-            self.findings.add('wrong_checksum', f'the checksum of {path.name} does not fit')
         with self._opened(path) as file:
             for batch in file.batches():
                 for number, records in self._placed(batch):

@@ -10,18 +10,19 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from sqlite3 import Error as SqliteError
 from types import TracebackType
-from typing import Any, NoReturn
+from typing import IO, Any, NoReturn, cast
 
 import numpy as np
 import numpy.typing as npt
+import yaml
+from mcap.writer import CompressionType, Writer
 from rosbags.interfaces import Qos
+from rosbags.rosbag2.metadata import dump_qos_v9
 
 from rpms_ros.axis import FORCE, UNITS
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, ForceTrace, IntArray, PulseTrain
-from rpms_ros.recording.rosbag import metadata
 from rpms_ros.recording.rosbag.definitions import (
     ENCODING,
     LENGTH,
@@ -33,10 +34,8 @@ from rpms_ros.recording.rosbag.definitions import (
     record_type,
     written_definition,
 )
-from rpms_ros.recording.rosbag.mcap_files import McapFileWriter
-from rpms_ros.recording.rosbag.metadata import CRC_KEY, TopicEntry, file_crc32, write_checksums
-from rpms_ros.recording.rosbag.records import Batch, Channel, Records
-from rpms_ros.recording.rosbag.sqlite_files import SqliteFileWriter
+from rpms_ros.recording.rosbag.metadata import KEY, NAME, write_checksums
+from rpms_ros.recording.rosbag.records import Batch, Records
 
 _LARGEST_SECOND = 2**31 - 1
 
@@ -102,15 +101,16 @@ def _split(stamp_ns: IntArray) -> tuple[IntArray, IntArray]:
     return second, nanosecond
 
 
-STORAGES: dict[str, type[McapFileWriter] | type[SqliteFileWriter]] = {
-    'mcap': McapFileWriter,
-    'sqlite3': SqliteFileWriter,
+_COMPRESSIONS = {
+    '': CompressionType.NONE,
+    'lz4': CompressionType.LZ4,
+    'zstd': CompressionType.ZSTD,
 }
-COMPRESSIONS = ('', 'lz4', 'zstd')
+_CHUNK_SIZE = 1 << 20
+_NO_TIME = 2**63 - 1
 PULSES_TOPIC = '/pulses'
 FORCE_TOPIC = '/force'
 PULSE_FRAME = 'coil'
-_REFUSALS = (OSError, SqliteError)
 
 
 @dataclass(frozen=True)
@@ -133,8 +133,32 @@ class FurtherTopic:
     messages: Sequence[bytes]
 
 
+@dataclass
+class _Topic:
+    """A topic that is written: type, hash of the type, quality of service, messages so far."""
+
+    name: str
+    type_name: str
+    digest: str
+    qos: Sequence[Any]
+    count: int = 0
+
+    def described(self) -> dict[str, Any]:
+        """Return the entry of metadata.yaml."""
+        return {
+            'topic_metadata': {
+                'name': self.name,
+                'type': self.type_name,
+                'serialization_format': 'cdr',
+                'offered_qos_profiles': self.qos,
+                'type_description_hash': self.digest,
+            },
+            'message_count': self.count,
+        }
+
+
 class RecordingWriter:
-    """A recording that is being written: a folder with a storage file and metadata.yaml.
+    """A recording that is being written: a folder with an mcap file and metadata.yaml.
 
     Every `flush` hands its messages to the operating system: a process that is killed afterwards
     leaves them readable.  Once the device has refused something, the recording stays without its
@@ -144,10 +168,8 @@ class RecordingWriter:
     ----------
     path : Path or str
         Folder that does not exist yet.
-    storage : str
-        ``mcap`` or ``sqlite3``.
     compression : str
-        Of the chunks of mcap: empty, ``lz4`` or ``zstd``.
+        Of the chunks: empty, ``lz4`` or ``zstd``.
     custom : mapping of str to str, optional
         Notes for people, kept in metadata.yaml.
     key : bytes, optional
@@ -162,32 +184,33 @@ class RecordingWriter:
     def __init__(
         self,
         path: Path | str,
-        storage: str = 'mcap',
         compression: str = '',
         custom: Mapping[str, str] | None = None,
         key: bytes | None = None,
     ) -> None:
         self.path = Path(path)
         self.custom = dict(custom or {})
-        self._storage = storage
         self._key = key
-        self._topics: dict[int, TopicEntry] = {}
-        self._first_ns: int | None = None
-        self._last_ns = 0
+        self._schemas: dict[str, int] = {}
+        self._topics: dict[int, _Topic] = {}
+        self._span_ns: tuple[int, int] | None = None
         self._closed = False
-        if storage not in STORAGES:
-            raise RecordingError(f'expected storage {" or ".join(STORAGES)}, got {storage!r}')
-        if compression not in (COMPRESSIONS if storage == 'mcap' else ('',)):
-            raise RecordingError(
-                f'expected compression lz4 or zstd of mcap, got {compression!r} of {storage}'
-            )
+        if compression not in _COMPRESSIONS:
+            raise RecordingError(f'expected compression lz4 or zstd, got {compression!r}')
         if os.path.lexists(self.path):
             raise RecordingError(f'expected a new folder for the recording, got {path}')
-        self._file_path = self.path / f'{self.path.name}_0{STORAGES[storage].suffix}'
+        self._name = f'{self.path.name}_0.mcap'
         try:
             self.path.mkdir(parents=True)
-            self._file = STORAGES[storage](self._file_path, compression)
-        except _REFUSALS as error:
+            self._file = _WholeWrites(self.path / self._name)
+            self._writer = Writer(
+                cast(IO[Any], self._file),
+                chunk_size=_CHUNK_SIZE,
+                compression=_COMPRESSIONS[compression],
+                enable_data_crcs=True,
+            )
+            self._writer.start('ros2', 'rpms_ros')
+        except OSError as error:
             raise self._error(error) from error
 
     def add_topic(self, name: str, type_name: str, qos: Sequence[Qos] = ()) -> int:
@@ -201,12 +224,17 @@ class RecordingWriter:
             Quality of service that its publishers offer.
         """
         text, digest = written_definition(type_name)
-        entry = TopicEntry(Channel(name, type_name, text), digest, qos)
+        profiles = dump_qos_v9(list(qos))
+        offered = _as_yaml(profiles) if qos else ''
+        notes = {'offered_qos_profiles': offered, 'topic_type_hash': digest}
         try:
-            number = self._file.add_topic(entry)
-        except _REFUSALS as error:
+            if type_name not in self._schemas:
+                schema = self._writer.register_schema(type_name, 'ros2msg', text.encode())
+                self._schemas[type_name] = schema
+            number = self._writer.register_channel(name, 'cdr', self._schemas[type_name], notes)
+        except OSError as error:
             self._refuse(error)
-        self._topics[number] = entry
+        self._topics[number] = _Topic(name, type_name, digest, profiles)
         return number
 
     def append(self, topic: int, time_ns: int, message: bytes | memoryview) -> None:
@@ -219,23 +247,23 @@ class RecordingWriter:
         """
         if self._closed:
             raise RecordingError(f'expected an open recording, got {self.path} that is closed')
+        count = self._topics[topic].count
+        data = cast(bytes, message)
         try:
-            self._file.append(topic, time_ns, message)
-        except _REFUSALS as error:
+            self._writer.add_message(topic, time_ns, data, time_ns, count % 2**32)
+        except OSError as error:
             self._refuse(error)
-        self._topics[topic].count += 1
-        if self._first_ns is None:
-            self._first_ns = self._last_ns = time_ns
-        self._first_ns = min(self._first_ns, time_ns)
-        self._last_ns = max(self._last_ns, time_ns)
+        self._topics[topic].count = count + 1
+        first, last = self._span_ns or (time_ns, time_ns)
+        self._span_ns = min(first, time_ns), max(last, time_ns)
 
     def flush(self) -> None:
         """Write the messages that were appended."""
         if self._closed:
             return
         try:
-            self._file.flush()
-        except _REFUSALS as error:
+            self._writer.flush()
+        except OSError as error:
             self._refuse(error)
 
     def close(self) -> None:
@@ -243,26 +271,46 @@ class RecordingWriter:
         if self._closed:
             return
         self._closed = True
-        span_ns = None if self._first_ns is None else (self._first_ns, self._last_ns)
-        name = self._file_path.name
-        content = metadata.metadata_of(
-            name, self._storage, list(self._topics.values()), span_ns, self.custom
-        )
+        content = self._metadata()
         try:
-            self._file.finish(metadata.as_yaml(content))
-            if self._storage == 'sqlite3':
-                # mcap has checksums of its own.
-                checksum = f'{file_crc32(self._file_path):08x}'
-                content['custom_data'] = {**self.custom, CRC_KEY: checksum}
-            text = metadata.as_yaml({metadata.KEY: content})
-            (self.path / metadata.NAME).write_text(text, 'utf-8')
-            write_checksums(self.path, (name, metadata.NAME), self._key)
-        except _REFUSALS as error:
+            try:
+                self._writer.flush()
+                notes = {'serialized_metadata': _as_yaml(content)}
+                self._writer.add_metadata('rosbag2', notes)
+                self._writer.finish()
+            finally:
+                self._file.close()
+            text = _as_yaml({KEY: content})
+            (self.path / NAME).write_text(text, 'utf-8')
+            write_checksums(self.path, (self._name, NAME), self._key)
+        except OSError as error:
             raise self._error(error) from error
 
+    def _metadata(self) -> dict[str, Any]:
+        """Return the metadata of version 9 of rosbag2."""
+        first, last = self._span_ns or (_NO_TIME, _NO_TIME)
+        span = {
+            'starting_time': {'nanoseconds_since_epoch': first},
+            'duration': {'nanoseconds': last - first},
+            'message_count': sum(topic.count for topic in self._topics.values()),
+        }
+        return {
+            'version': 9,
+            'storage_identifier': 'mcap',
+            'relative_file_paths': [self._name],
+            **span,
+            'topics_with_message_count': [one.described() for one in self._topics.values()],
+            'compression_format': '',
+            'compression_mode': '',
+            'files': [{'path': self._name, **span}],
+            'custom_data': dict(self.custom) or None,
+            'ros_distro': 'jazzy',
+        }
+
     def _refuse(self, error: Exception) -> NoReturn:
+        """Close the file as it is, without its end: readers see that something is missing."""
         self._closed = True
-        self._file.abandon()
+        self._file.close()
         raise self._error(error) from error
 
     def _error(self, error: Exception) -> RecordingError:
@@ -283,6 +331,53 @@ class RecordingWriter:
         # What was recorded before the failure is worth an index; the failure is what counts.
         with suppress(RecordingError):
             self.close()
+
+
+def _as_yaml(document: object) -> str:
+    """Return a document as rosbag2 writes it."""
+    return yaml.dump(document, Dumper=_Dumper, sort_keys=False, allow_unicode=True)
+
+
+class _Dumper(yaml.SafeDumper):
+    """Writes what stands in two places twice, not once and a reference to it."""
+
+    def ignore_aliases(self, _data: object) -> bool:
+        return True
+
+
+class _WholeWrites:
+    """A file that takes each write as a whole or, if the device refuses it, not at all.
+
+    Unbuffered: what was written is with the operating system, and survives a killed process.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._file = path.open('xb', buffering=0)
+
+    def write(self, content: bytes) -> int:
+        """Write all of it or, if the device refuses, nothing."""
+        begin = self._file.tell()
+        view = memoryview(content)
+        try:
+            while view:
+                view = view[self._file.write(view) :]
+        except OSError:
+            with suppress(OSError):
+                os.ftruncate(self._file.fileno(), begin)
+                self._file.seek(begin)
+            raise
+        return len(content)
+
+    def tell(self) -> int:
+        """Return how many bytes were written."""
+        return self._file.tell()
+
+    def flush(self) -> None:
+        """Do nothing: nothing is buffered."""
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
 
 
 def _merged(topics: Mapping[int, Records]) -> Batch:
@@ -321,7 +416,6 @@ def write_recording(
     pulses: PulseTrain,
     forces: ForceTrace,
     *,
-    storage: str = 'mcap',
     compression: str = '',
     axis: str | Sequence[float] = 'z',
     custom: Mapping[str, str] | None = None,
@@ -341,7 +435,7 @@ def write_recording(
         Go to topic ``/pulses``.
     forces : ForceTrace
         Go to topic ``/force``.
-    storage, compression, custom, key
+    compression, custom, key
         As in `RecordingWriter`.
     axis : str or sequence of float
         Axis of the force in the frame of the sensor.
@@ -361,7 +455,7 @@ def write_recording(
         (PULSES_TOPIC, PULSE): encode_pulses(pulses, PULSE_FRAME),
         (FORCE_TOPIC, WRENCH_STAMPED): encode_forces(forces, direction_of(axis), quantity),
     }
-    with RecordingWriter(path, storage, compression, custom, key) as writer:
+    with RecordingWriter(path, compression, custom, key) as writer:
         topics = {writer.add_topic(*topic): part for topic, part in encoded.items()}
         for topic in further:
             number = writer.add_topic(topic.name, topic.type_name)
