@@ -80,7 +80,7 @@ setup(
             'ros-std-msgs==5.3.6',
             'ros-std-srvs==5.3.6',
         ],
-        'formats': ['h5py', 'openpyxl', 'pyxdf'],
+        'formats': ['h5py', 'openpyxl'],
         'test': ['hypothesis', 'jsonschema', 'pytest', 'pytest-timeout'],
     },
     entry_points={

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Mutated files of every other kind that the package reads: what comes of them.
 
-Files of laboratories (text, LabChart, Spike2, MATLAB 5 and 7.3, Excel, XDF) into `rpms import`;
-recordings into `rpms export`; checksums, signature and key into `rpms verify`; saved states and
+Files of laboratories (text, LabChart, MATLAB 5 and 7.3, Excel) into `rpms import`; recordings
+into `rpms export`; checksums, signature and key into `rpms verify`; saved states and
 results into `rpms identify --start-from`; history laws, scenarios, device specifications,
 patients, parameter files and audit logs into what reads them.  `bench/hostile_recordings.py` does
 it with recordings, `bench/hostile_texts.py` with schedules.

@@ -30,7 +30,6 @@ COMMANDS = {
     'protocol': 'schedules',
     'check': 'schedules',
     'audit': 'audit',
-    'layout': 'live',
     'demo': 'demo',
     'live': 'live',
 }

@@ -72,7 +72,6 @@ def add_import(subparsers: Subparsers) -> None:
     parser.add_argument('file', type=Path, metavar='FILE', help=text)
     parser.add_argument('--out', type=Path, required=True, metavar='BAG', help='new folder')
     add_signal_options(parser)
-    add_option(parser, '--storage', 'mcap', 'of the recording', choices=('mcap', 'sqlite3'))
 
 
 def add_signal_options(parser: argparse.ArgumentParser) -> None:
@@ -172,7 +171,6 @@ def _write(arguments: argparse.Namespace, found: 'Imported') -> None:
             made,
             found.pulses,
             found.forces,
-            storage=arguments.storage,
             custom=custom,
             quantity=found.quantity,
         )

@@ -125,8 +125,6 @@ def add_check(subparsers: Any) -> None:
     text = "patient file: the tighter of the device's and the patient's limits count"
     add_option(parser, '--patient FILE', None, text, type=Path)
     parser.add_argument('--json', action='store_true', help='print one JSON object and no more')
-    text = 'write intensity, power and temperature as a figure'
-    add_option(parser, '--plot FILE', None, text, type=Path)
     parser.set_defaults(run=run_check)
 
 
@@ -147,10 +145,6 @@ def run_check(arguments: argparse.Namespace) -> int:
         print(json.dumps(as_json(ahead)))
     else:
         print('\n'.join(report(schedule, specification, ahead, patient)))
-    if arguments.plot is not None:
-        from rpms_ros.report.dose import save_schedule_figure
-
-        save_schedule_figure(schedule, specification, ahead, arguments.plot)
     return 0 if ahead.deliverable else 1
 
 

@@ -16,23 +16,14 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import scipy  # its parts are loaded when they are asked for
 
 from rpms_ros.errors import RecordingError
 from rpms_ros.printable import printable, spreadsheet_text
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, ForceTrace, IntArray, PulseTrain
 
-FACTS, FORCE, PULSES, ESTIMATES = 'session.json', 'force.csv', 'pulses.csv', 'estimates.csv'
-"""Files of a folder of CSV."""
-MARK = 'rpms_ros_session'
-"""Variable of a MATLAB file by which it is known as an export."""
-FORMAT = 'rpms_ros session'
-"""By this name an export is known when it is read again."""
-VERSION = 1
-TIME, STAMP = 'time_s', 'stamp_ns'
-INTENSITY, WIDTH, SEQUENCE = 'intensity', 'width_s', 'sequence'
-FORCE_COLUMNS = {'N': 'force_N', 'N m': 'torque_Nm'}
-"""Name of the column of the force, by its unit."""
+_FORCE_COLUMNS = {'N': 'force_N', 'N m': 'torque_Nm'}
 # MATLAB takes no longer name of a field.
 _LONGEST_NAME = 60
 
@@ -95,30 +86,36 @@ class SessionExport:
                 return int(stamps.min())
         return 0
 
-    @property
-    def stated_origin_ns(self) -> int:
-        """What the export says of the origin; if it is anonymous, times begin at 0 [ns]."""
-        if not self.anonymous:
-            return self.origin_ns
-        first = min(int(self.pulses.onset_ns.min(initial=self.origin_ns)), self.origin_ns)
-        return self.origin_ns - first
-
-    def facts(self) -> dict[str, object]:
-        """Return what is written beside the tables."""
-        facts: dict[str, object] = {
-            'format': FORMAT,
-            'version': VERSION,
-            'origin_ns': str(self.stated_origin_ns),
-            'unit': self.unit,
-        }
+    def facts(self) -> dict[str, Any]:
+        """Return what is written beside the tables; an anonymous session begins at 0."""
         if self.anonymous:
-            return facts
+            first = min(int(self.pulses.onset_ns.min(initial=self.origin_ns)), self.origin_ns)
+            return {'origin_ns': str(self.origin_ns - first), 'unit': self.unit}
         return {
-            **facts,
+            'origin_ns': str(self.origin_ns),
+            'unit': self.unit,
             'name': self.name,
             'session_hash': self.session_hash,
             'notes': dict(self.notes),
         }
+
+    def tables(self) -> dict[str, tuple[IntArray, dict[str, npt.NDArray[Any]]]]:
+        """Return stamps [ns] and columns of each table, by its name."""
+        forces, pulses, found = self.forces, self.pulses, self.estimates
+        train: dict[str, npt.NDArray[Any]] = {
+            'intensity': pulses.intensity,
+            'width_s': pulses.width,
+            'sequence': pulses.sequence,
+        }
+        force = {_FORCE_COLUMNS[self.unit]: forces.force}
+        tables = {'force': (forces.stamp_ns, force), 'pulses': (pulses.onset_ns, train)}
+        if found is not None:
+            names = column_names((*found.texts, *found.numbers))
+            # no text that a spreadsheet would run
+            texts = (map(spreadsheet_text, map(printable, row)) for row in found.texts.values())
+            columns = [*(np.array([*row], object) for row in texts), *found.numbers.values()]
+            tables['estimates'] = found.stamp_ns, dict(zip(names, columns, strict=True))
+        return tables
 
 
 def seconds_text(stamp_ns: IntArray, origin_ns: int) -> list[str]:
@@ -128,11 +125,6 @@ def seconds_text(stamp_ns: IntArray, origin_ns: int) -> list[str]:
         whole, rest = divmod(abs(stamp - origin_ns), NANOSECONDS_PER_SECOND)
         texts.append(f'{"-" if stamp < origin_ns else ""}{whole}.{rest:09d}')
     return texts
-
-
-def seconds(stamp_ns: IntArray, origin_ns: int) -> FloatArray:
-    """Return times after the origin [s]."""
-    return (stamp_ns - origin_ns).astype(np.float64) / NANOSECONDS_PER_SECOND
 
 
 def column_names(names: Iterable[str]) -> list[str]:
@@ -167,51 +159,21 @@ def write_tables(folder: Path, session: SessionExport) -> None:
         What is written.
     """
     folder.mkdir()
-    origin = session.origin_ns
-    force = session.forces
     text = json.dumps(session.facts(), allow_nan=False, indent=1)
-    (folder / FACTS).write_text(text, encoding='utf-8')
-    columns: dict[str, Sequence[Any]] = {
-        TIME: seconds_text(force.stamp_ns, origin),
-        FORCE_COLUMNS[session.unit]: force.force.tolist(),
-    }
-    _write_csv(folder / FORCE, columns)
-    pulses = session.pulses
-    columns = {
-        TIME: seconds_text(pulses.onset_ns, origin),
-        INTENSITY: pulses.intensity.tolist(),
-        WIDTH: pulses.width.tolist(),
-        SEQUENCE: pulses.sequence.tolist(),
-    }
-    _write_csv(folder / PULSES, columns)
-    if session.estimates is not None:
-        _write_csv(folder / ESTIMATES, estimate_columns(session.estimates, origin))
-
-
-def estimate_columns(table: EstimateTable, origin_ns: int) -> dict[str, Sequence[Any]]:
-    """Return the columns of estimates, their names and texts such that no program runs them."""
-    names = column_names((*table.texts, *table.numbers))
-    texts = ([spreadsheet_text(printable(one)) for one in row] for row in table.texts.values())
-    columns = [*texts, *(values.tolist() for values in table.numbers.values())]
-    return {
-        TIME: seconds_text(table.stamp_ns, origin_ns),
-        **dict(zip(names, columns, strict=True)),
-    }
-
-
-def _write_csv(path: Path, columns: Mapping[str, Sequence[Any]]) -> None:
-    rows: Iterable[tuple[Any, ...]] = zip(*columns.values(), strict=True)
-    with path.open('w', newline='', encoding='utf-8') as file:
-        writer = csv.writer(file)
-        writer.writerow(columns)
-        writer.writerows(rows)
+    (folder / 'session.json').write_text(text, encoding='utf-8')
+    for name, (stamp_ns, columns) in session.tables().items():
+        times = seconds_text(stamp_ns, session.origin_ns)
+        with (folder / f'{name}.csv').open('w', newline='', encoding='utf-8') as file:
+            writer = csv.writer(file)
+            writer.writerow(('time_s', *columns))
+            cells = (column.tolist() for column in columns.values())
+            writer.writerows(zip(times, *cells, strict=True))
 
 
 def write_matlab(path: Path, session: SessionExport) -> None:
     """Write a MATLAB file of version 5, with a structure for each table.
 
-    ``force`` and ``pulses`` have their times twice: ``time_s``, and ``stamp_ns`` as whole
-    nanoseconds, which are exact.
+    Each has its times twice: ``time_s``, and ``stamp_ns`` as whole nanoseconds, which are exact.
 
     Parameters
     ----------
@@ -225,32 +187,15 @@ def write_matlab(path: Path, session: SessionExport) -> None:
     RecordingError
         If it does not fit into a file of version 5, whose variables have 4 GB at most.
     """
-    origin, shift = session.origin_ns, session.origin_ns - session.stated_origin_ns
-    forces, pulses = session.forces, session.pulses
-    facts = session.facts()
-    content: dict[str, Any] = {
-        MARK: {
-            **{name: value for name, value in facts.items() if isinstance(value, str | int)},
-            'notes': json.dumps(facts.get('notes', {})),
-        },
-        'force': {
-            TIME: seconds(forces.stamp_ns, origin),
-            STAMP: forces.stamp_ns - shift,
-            FORCE_COLUMNS[session.unit]: forces.force,
-        },
-        'pulses': {
-            TIME: seconds(pulses.onset_ns, origin),
-            STAMP: pulses.onset_ns - shift,
-            INTENSITY: pulses.intensity,
-            WIDTH: pulses.width,
-            SEQUENCE: pulses.sequence,
-        },
-    }
-    if (table := session.estimates) is not None:
-        names = column_names((*table.texts, *table.numbers))
-        texts = [np.array(row, dtype=object) for row in table.texts.values()]
-        columns = dict(zip(names, (*texts, *table.numbers.values()), strict=True))
-        content['estimates'] = {TIME: seconds(table.stamp_ns, origin), **columns}
+    facts, origin = session.facts(), session.origin_ns
+    notes = json.dumps(facts.pop('notes', {}))
+    content: dict[str, Any] = {'session': {**facts, 'notes': notes}}
+    for name, (stamp_ns, columns) in session.tables().items():
+        content[name] = {
+            'time_s': (stamp_ns - origin) / NANOSECONDS_PER_SECOND,
+            'stamp_ns': stamp_ns - origin + int(facts['origin_ns']),
+            **columns,
+        }
     try:
         scipy.io.savemat(
             path, content, do_compression=True, long_field_names=True, oned_as='column'

@@ -9,7 +9,6 @@ import pytest
 
 import rpms_ros
 from rpms_ros import RpmsError, Session
-from rpms_ros.cli import main
 from rpms_ros.recording import session_hash
 
 SAMPLE = Path(__file__).resolve().parents[2] / 'bags' / 'sample'
@@ -124,18 +123,6 @@ def test_a_wrong_option_of_a_file_is_named(
 ) -> None:
     with pytest.raises(RpmsError, match=message):
         rpms_ros.load(table(tmp_path), **change)  # type: ignore[arg-type]
-
-
-def test_exports_are_loaded(simulated: Session, tmp_path: Path) -> None:
-    simulated.save(tmp_path / 'kept')
-    for kind in ('csv', 'mat'):
-        place = tmp_path / f'{kind}.mat'
-        main(['export', str(tmp_path / 'kept'), '--to', kind, '--out', str(place)])
-        session = rpms_ros.load(place)
-        assert session_hash(session.recording) == session_hash(simulated.recording)
-        assert session.info()['imported'] == ['file: export of rpms']
-        with pytest.raises(RpmsError, match='expected no options for an export'):
-            rpms_ros.load(place, intensity=0.5)
 
 
 @pytest.mark.parametrize(

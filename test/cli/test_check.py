@@ -88,22 +88,6 @@ def test_what_is_deliverable_says_so(tmp_path, rpms):
     assert 22.0 < document['temperature_c'] < 40.0
 
 
-def test_plot_is_written(tmp_path, written, rpms):
-    figure = tmp_path / 'plot.png'
-    rpms('check', written('sinusoid'), '--device', 'rapid2-240v', '--plot', figure)
-    assert figure.read_bytes().startswith(b'\x89PNG')
-    code, _, err = rpms(
-        'check',
-        written('sinusoid'),
-        '--device',
-        'simulated',
-        '--plot',
-        tmp_path / 'no' / 'x',
-    )
-    assert code == 2
-    assert 'expected a figure file to write, got' in err
-
-
 @pytest.mark.parametrize(
     ('text', 'device', 'fault'),
     [

@@ -1,14 +1,15 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""rpms export: other readers open it, and rpms import reads the same numbers again."""
+"""rpms export: other readers find the same numbers in it."""
 
 import csv
-import gzip
 import json
 from array import array
 from collections.abc import Callable
 from dataclasses import replace
+from decimal import Decimal
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -18,7 +19,7 @@ from scipy.io import loadmat
 from rpms_ros import estimate_messages, messages
 from rpms_ros.identification import CONVERGED, Estimate
 from rpms_ros.pulses import ForceTrace, PulseTrain
-from rpms_ros.recording import FurtherTopic, read_recording, session_hash, write_recording
+from rpms_ros.recording import FurtherTopic, read_recording, write_recording
 from rpms_ros.recording.rosbag.definitions import known_types
 
 Rpms = Callable[..., tuple[int, str, str]]
@@ -99,19 +100,41 @@ def exported(rpms: Rpms, session: Path, kind: str, *options: object) -> Path:
     return place
 
 
+def tables(place: Path) -> dict[str, dict[str, Any]]:
+    """Return force and pulses as another program reads them, times in ns after the first."""
+    if place.is_file():
+        content = loadmat(place, simplify_cells=True)
+        found = {name: dict(content[name]) for name in ('force', 'pulses')}
+        origin = int(content['session']['origin_ns'])
+        for table in found.values():
+            assert (table['stamp_ns'] - origin == np.rint(1e9 * table['time_s'])).all()
+        return found
+    origin = int(json.loads((place / 'session.json').read_text())['origin_ns'])
+    found = {}
+    for name in ('force', 'pulses'):
+        with (place / f'{name}.csv').open(newline='') as file:
+            head, *rows = csv.reader(file)
+        times, *columns = zip(*rows, strict=True)
+        found[name] = dict(zip(head[1:], (np.array(one, float) for one in columns), strict=True))
+        stamps = [int(Decimal(time).scaleb(9)) + origin for time in times]
+        found[name]['stamp_ns'] = np.array(stamps)
+    return found
+
+
 @pytest.mark.parametrize('kind', FORMATS)
-def test_what_was_exported_imports_again_with_the_same_numbers(
+def test_every_number_is_there_with_all_of_its_digits(
     rpms: Rpms, session: Path, kind: str
 ) -> None:
-    place = exported(rpms, session, kind)
-    again = session.with_name('again')
-    code, out, err = rpms('import', place, '--out', again)
-    assert (code, err) == (0, '')
-    assert out.startswith(f'{again}: 3 pulses, 200 samples')
-    before, after = read_recording(session), read_recording(again)
-    assert session_hash(after) == session_hash(before)
-    np.testing.assert_array_equal(after.forces.force, before.forces.force)
-    np.testing.assert_array_equal(after.pulses.intensity, before.pulses.intensity)
+    found, before = tables(exported(rpms, session, kind)), read_recording(session)
+    np.testing.assert_array_equal(found['force']['stamp_ns'], before.forces.stamp_ns)
+    np.testing.assert_array_equal(found['force']['force_N'], before.forces.force)
+    np.testing.assert_array_equal(found['pulses']['stamp_ns'], before.pulses.onset_ns)
+    for name, values in (
+        ('intensity', before.pulses.intensity),
+        ('width_s', before.pulses.width),
+        ('sequence', before.pulses.sequence),
+    ):
+        np.testing.assert_array_equal(found['pulses'][name], values)
 
 
 def test_estimates_are_a_table_that_no_spreadsheet_runs(rpms: Rpms, session: Path) -> None:
@@ -135,19 +158,15 @@ def test_anonymous_leaves_out_date_name_and_notes(rpms: Rpms, session: Path, kin
     named = session.rename(session.with_name('Ada'))
     place = exported(rpms, named, kind, '--anonymous')
     files = [place] if place.is_file() else [one for one in place.rglob('*') if one.is_file()]
-    content = b'\n'.join(
-        gzip.decompress(one.read_bytes()) if one.suffix == '.gz' else one.read_bytes()
-        for one in files
-    )
+    content = b'\n'.join(one.read_bytes() for one in files)
     if kind == 'mat':
         content = repr(loadmat(place, simplify_cells=True)).encode()
     for secret in (b'Ada', b'1700000000', b'2023-11'):
         assert secret not in content
-    assert rpms('import', place, '--out', named.with_name('again'))[0] == 0
-    again = read_recording(named.with_name('again'))
-    before = read_recording(named)
-    assert again.pulses.onset_ns[0] == 0
-    np.testing.assert_array_equal(np.diff(again.forces.stamp_ns), np.diff(before.forces.stamp_ns))
+    found, before = tables(place), read_recording(named)
+    assert found['pulses']['stamp_ns'][0] == 0
+    steps = np.diff(found['force']['stamp_ns'])
+    np.testing.assert_array_equal(steps, np.diff(before.forces.stamp_ns))
 
 
 @pytest.mark.parametrize('kind', FORMATS)
@@ -166,7 +185,7 @@ def test_nothing_is_replaced_and_nothing_is_half_written(
     def full(*_: object, **__: object) -> None:
         raise OSError('disk full')
 
-    name = {'csv': 'estimate_columns', 'mat': 'scipy.io.savemat'}[kind]
+    name = {'csv': 'csv.writer', 'mat': 'scipy.io.savemat'}[kind]
     monkeypatch.setattr(f'rpms_ros.recording.export.{name}', full)
     code, _, err = rpms('export', session, '--to', kind, '--out', place)
     assert code == 2
@@ -180,33 +199,6 @@ def test_a_matlab_file_is_called_one(rpms: Rpms, session: Path) -> None:
     assert 'expected a file that ends with .mat' in err
 
 
-DAMAGE: dict[str, tuple[str, Callable[[str], str]]] = {
-    'not json': ('session.json', lambda text: text[:-5]),
-    'another version': ('session.json', lambda text: text.replace('"version": 1', '"version": 2')),
-    'no origin': ('session.json', lambda text: text.replace('origin_ns', 'x')),
-    'origin beyond 64 bits': ('session.json', lambda text: text.replace('"17000', '"99999917000')),
-    'a column less': ('pulses.csv', lambda text: text.replace('width_s', 'w')),
-    'a short row': ('force.csv', lambda text: text + '1.0\n'),
-    'a word': ('force.csv', lambda text: text + '0.3,many\n'),
-    'a time far off': ('force.csv', lambda text: text + '1e999999999,1\n'),
-    'no time': ('force.csv', lambda text: text + 'nan,1\n'),
-    'per cent': ('pulses.csv', lambda text: text + '0.1,35.0,1e-4,11\n'),
-    'nothing': ('pulses.csv', lambda _: ''),
-}
-
-
-@pytest.mark.parametrize('damage', DAMAGE)
-def test_a_damaged_export_is_refused(rpms: Rpms, session: Path, damage: str) -> None:
-    folder = exported(rpms, session, 'csv')
-    name, change = DAMAGE[damage]
-    (folder / name).write_text(change((folder / name).read_text()))
-    code, _, err = rpms('import', folder, '--out', session.with_name('again'))
-    assert code == 2
-    assert err.startswith('rpms: error: expected ')
-    assert err.count('\n') == 1
-    assert not session.with_name('again').exists()
-
-
 def test_a_torque_is_named_as_one(rpms: Rpms, session: Path, tmp_path: Path) -> None:
     recording = read_recording(session)
     further = [estimates_topic([replace(estimate(int(START)), unit='N m')])]
@@ -215,10 +207,8 @@ def test_a_torque_is_named_as_one(rpms: Rpms, session: Path, tmp_path: Path) -> 
     for kind in FORMATS:
         place = tmp_path / f'{kind}.mat'
         assert rpms('export', path, '--to', kind, '--out', place, '--quantity', 'torque')[0] == 0
-        assert rpms('import', place, '--out', tmp_path / f'again-{kind}')[0] == 0
-        again = read_recording(tmp_path / f'again-{kind}', quantity='torque')
-        np.testing.assert_array_equal(again.forces.force, recording.forces.force)
-    assert pd.read_csv(tmp_path / 'csv.mat' / 'force.csv').columns[1] == 'torque_Nm'
+        torque = tables(place)['force']['torque_Nm']
+        np.testing.assert_array_equal(torque, recording.forces.force)
     # the force of a recording whose estimates are of a torque
     code, _, err = rpms('export', path, '--to', 'csv', '--out', tmp_path / 'force')
     assert code == 1

@@ -22,16 +22,14 @@ TRIALS = sorted((FOLDER / 'rat_gastrocnemius').glob('*.csv'))
 def test_a_table_becomes_a_recording(rpms: Rpms, tmp_path: Path) -> None:
     table = tmp_path / 'trial.csv'
     table.write_text('Time [s],STIM [ ],fGM [N]\n0,0,1\n0.5,8,2\n1,0,3\n')
-    for storage in ('mcap', 'sqlite3'):
-        path = tmp_path / storage
-        options = ['--storage', storage, '--intensity', '0.6']
-        code, out, err = rpms('import', table, '--out', path, *COLUMNS, *options)
-        assert (code, err) == (0, '')
-        assert out == f'{path}: 1 pulse, 3 samples, 1.000 s\n'
-        recording = read_recording(path)
-        assert recording.forces.force.tolist() == [1.0, 2.0, 3.0]
-        assert recording.pulses.intensity.tolist() == [0.6]
-        assert recording.facts.custom == {'source': 'trial.csv'}
+    path = tmp_path / 'bag'
+    code, out, err = rpms('import', table, '--out', path, *COLUMNS, '--intensity', '0.6')
+    assert (code, err) == (0, '')
+    assert out == f'{path}: 1 pulse, 3 samples, 1.000 s\n'
+    recording = read_recording(path)
+    assert recording.forces.force.tolist() == [1.0, 2.0, 3.0]
+    assert recording.pulses.intensity.tolist() == [0.6]
+    assert recording.facts.custom == {'source': 'trial.csv'}
 
 
 TABLE = 'time;kraft;trigger\n' + ''.join(

@@ -291,71 +291,10 @@ def test_volts_that_a_header_states_are_no_newtons(tmp_path: Path) -> None:
     expect_the_session(*imported(path, force_scale=2.0), scale=2.0)
 
 
-def test_spike2_text(tmp_path: Path) -> None:
-    force = '\n'.join(f'{value:.4f}' for value in FORCE)
-    triggers = '\n'.join(f'{TIME[place]:.6f}' for place in ONSETS)
-    path = tmp_path / 'session.txt'
-    path.write_text(
-        f'"INFORMATION"\n"leg.smr"\n\n"SUMMARY"\n"1"\t"Waveform"\t"Force"\n\n'
-        f'"CHANNEL"\t"1"\n"Waveform"\n"No comment"\n"Force"\n"N"\t1.0\t0.0\n'
-        f'"START"\t0.00000\t0.00100\n{force}\n\n'
-        f'"CHANNEL"\t"2"\n"Evt+"\n"No comment"\n"Trigger"\n\n{triggers}\n'
-    )
-    file = read_signals(path)
-    assert file.kind == 'Spike2 text'
-    assert [one.name for one in file.events] == ['Trigger']
-    expect_the_session(*imported(path))
-
-
-def xdf_stream(stream_id: int, header: str, samples: bytes, count: int) -> bytes:
-    """Chunks of one stream, as the specification of XDF has them."""
-
-    def chunk(tag: int, content: bytes) -> bytes:
-        body = tag.to_bytes(2, 'little') + content
-        return b'\x04' + len(body).to_bytes(4, 'little') + body
-
-    number = stream_id.to_bytes(4, 'little')
-    many = b'\x04' + count.to_bytes(4, 'little')
-    return (
-        chunk(2, number + header.encode())
-        + chunk(3, number + many + samples)
-        + chunk(6, number + b'<?xml version="1.0"?><info></info>')
-    )
-
-
-def test_xdf(tmp_path: Path) -> None:
-    pytest.importorskip('pyxdf')
-    header = (
-        '<?xml version="1.0"?><info><name>{}</name><type>F</type><channel_count>1</channel_count>'
-        '<nominal_srate>{}</nominal_srate><channel_format>{}</channel_format></info>'
-    )
-    stamped = b''.join(
-        b'\x08' + np.float64(5.0 + t).tobytes() + np.float64(f).tobytes()
-        for t, f in zip(TIME, FORCE, strict=True)
-    )
-    marks = b''.join(
-        b'\x08' + np.float64(5.0 + TIME[place]).tobytes() + b'\x01\x05pulse' for place in ONSETS
-    )
-    path = tmp_path / 'session.xdf'
-    path.write_bytes(
-        b'XDF:'
-        + xdf_stream(1, header.format('force', 1000, 'double64'), stamped, COUNT)
-        + xdf_stream(2, header.format('triggers', 0, 'string'), marks, len(ONSETS))
-    )
-    file = read_signals(path)
-    assert file.kind == 'XDF'
-    pulses, forces = imported(path)
-    np.testing.assert_allclose(forces.force, FORCE)
-    # pyxdf draws a straight line through the stamps of a regular stream: within a microsecond
-    np.testing.assert_allclose(forces.stamp_ns, 1e9 * TIME, atol=1000.0)
-    np.testing.assert_allclose(pulses.onset_ns, [1e6 * place for place in ONSETS], atol=1000.0)
-
-
 @pytest.mark.parametrize(
     ('package', 'name', 'content'),
     [
         ('openpyxl', 'a.xlsx', b'PK\x03\x04'),
-        ('pyxdf', 'a.xdf', b'XDF:'),
         ('h5py', 'a.mat', b'\x89HDF\r\n\x1a\n'),
     ],
 )

@@ -1,42 +1,23 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Files that a library reads: MATLAB of version 5 and 7.3 (HDF5), Excel workbooks, XDF.
+"""Files that a library reads: MATLAB of version 5 and 7.3 (HDF5), Excel workbooks.
 
 Of MATLAB every vector and every column of a matrix, in structures too; of Excel one sheet as a
-table, its numbers below a header; of XDF the streams of the Lab Streaming Layer, put on one clock.
-What this package has exported is read again with the same numbers in every bit.
+table, its numbers below a header.
 """
 
-import csv
-import json
 import pickle
 import signal
 import subprocess
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
-from decimal import Decimal, InvalidOperation
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rpms_ros.errors import RecordingError
-from rpms_ros.pulses import FloatArray, ForceTrace, IntArray, PulseTrain
-from rpms_ros.recording.export import (
-    FACTS,
-    FORCE,
-    FORCE_COLUMNS,
-    FORMAT,
-    INTENSITY,
-    MARK,
-    PULSES,
-    SEQUENCE,
-    STAMP,
-    TIME,
-    VERSION,
-    WIDTH,
-)
+from rpms_ros.pulses import FloatArray
 from rpms_ros.recording.importing.signals import Events, Signal, SignalFile, needed, unit_of
 from rpms_ros.recording.importing.text import first_row, signals_of
 
@@ -46,30 +27,26 @@ _MOST_COLUMNS = 64
 _WAVEFORM = {'interval', 'start', 'values'}
 _EVENTS = {'title', 'length', 'times'}
 
-_SCIPY = """\
+_LOADMAT = """\
 import pickle, sys
 import scipy.io
-function, path, *flags = sys.argv[1:]
 try:
-    options = dict(flag.split('=') for flag in flags)
-    options = {name: text == 'True' for name, text in options.items()}
-    found = getattr(scipy.io, function)(path, **options)
+    found = scipy.io.loadmat(sys.argv[1], squeeze_me=True, struct_as_record=False)
 except Exception as error:
     sys.exit(str(error) or repr(error))
 pickle.dump(found, sys.stdout.buffer, protocol=5)
 """
 
 
-def by_scipy(function: str, path: Path, **flags: bool) -> Any:
-    """Return what ``loadmat`` or ``whosmat`` tells of a file, read in a process of its own.
+def _loadmat(path: Path) -> Any:
+    """Return what SciPy reads of a file, in a process of its own: damage may crash it.
 
     Raises
     ------
     ValueError
         If the file is damaged.
     """
-    options = [f'{name}={flag}' for name, flag in flags.items()]
-    command = [sys.executable, '-P', '-W', 'ignore', '-c', _SCIPY, function, str(path), *options]
+    command = [sys.executable, '-P', '-W', 'ignore', '-c', _LOADMAT, str(path)]
     done = subprocess.run(command, capture_output=True, check=False)
     if done.returncode < 0:
         name = signal.Signals(-done.returncode).name
@@ -91,7 +68,7 @@ def read_matlab(path: Path) -> SignalFile:
         hdf5 = _HDF5 in file.read(1024)
     try:
         if not hdf5:
-            content = by_scipy('loadmat', path, squeeze_me=True, struct_as_record=False)
+            content = _loadmat(path)
             if (channels := _spike2_channels(path, content)) is not None:
                 return channels
         items = list(_from_hdf5(path) if hdf5 else _from_structure(content))
@@ -235,158 +212,3 @@ def _chosen(path: Path, names: list[str], sheet: str | None) -> str:
     if sheet is not None and sheet not in names:
         raise RecordingError(f'expected a sheet of {", ".join(names)} in {path}, got {sheet!r}')
     return sheet or names[0]
-
-
-def read_xdf(path: Path) -> SignalFile:
-    """Return channels as signals and irregular streams as events, in the recorder's clock.
-
-    Raises
-    ------
-    RecordingError
-        If pyxdf is not installed or the file is damaged.
-    """
-    pyxdf = needed('pyxdf', f'an XDF file ({path})')
-    try:
-        streams, _ = pyxdf.load_xdf(str(path), verbose=False)
-        signals, events = _sorted(streams)
-    # pyxdf raises whatever the damage leads to, and gives streams that lack any part
-    except Exception as error:
-        raise RecordingError(f'expected an XDF file at {path}, got {error}') from error
-    begins = [one.time[0] for one in signals if one.time is not None and len(one.time)]
-    if not begins:
-        raise RecordingError(f'expected a sampled stream in {path}, got {len(events)} of events')
-    start = float(min(begins))
-    return SignalFile(
-        path,
-        'XDF',
-        tuple(replace(one, time=one.time - start) for one in signals if one.time is not None),
-        tuple(replace(one, time=one.time - start) for one in events),
-    )
-
-
-def _sorted(streams: list[dict[str, Any]]) -> tuple[list[Signal], list[Events]]:
-    """Return the channels of sampled streams, and the others as events."""
-    signals: list[Signal] = []
-    events: list[Events] = []
-    for stream in streams:
-        name = str(stream['info']['name'][0])
-        time = np.asarray(stream['time_stamps'], dtype=np.float64)
-        series = stream['time_series']
-        if isinstance(series, list) or not float(stream['info']['nominal_srate'][0]) > 0.0:
-            events.append(Events(name, time))
-            continue
-        values = np.asarray(series, dtype=np.float64)
-        for index, (label, unit) in enumerate(_channels(stream, values.shape[1])):
-            title = f'{name} {label}' if label else name
-            signals.append(Signal(title, np.ascontiguousarray(values[:, index]), unit, time))
-    return signals, events
-
-
-def _channels(stream: dict[str, Any], count: int) -> list[tuple[str, str]]:
-    """Return label and unit of each channel, empty where they are not stated."""
-    try:
-        listed = stream['info']['desc'][0]['channels'][0]['channel']
-        found = [(_told(one, 'label'), _told(one, 'unit')) for one in listed]
-    except (KeyError, IndexError, TypeError):
-        found = []
-    plain = [(str(index + 1) if count > 1 else '', '') for index in range(count)]
-    return found if len(found) == count else plain
-
-
-def _told(item: dict[str, Any], key: str) -> str:
-    value = item.get(key)
-    return str(value[0]) if value and value[0] else ''
-
-
-Table = Mapping[str, Any]
-_LATEST = 9_000_000_000
-_NO_NUMBERS = (
-    AttributeError, EOFError, InvalidOperation, LookupError, OSError, OverflowError, TypeError,
-    ValueError, csv.Error,
-)  # fmt: skip
-
-
-def is_export(path: Path) -> bool:
-    """Return whether a folder or file looks like an export of this package."""
-    try:
-        if path.is_dir():
-            return (path / FACTS).is_file()
-        if path.suffix.lower() != '.mat' or not path.is_file():
-            return False
-        return MARK in {name for name, _, _ in by_scipy('whosmat', path)}
-    # scipy raises whatever the damage leads to; reading it will say so
-    except Exception:  # noqa: BLE001
-        return False
-
-
-def read_export(path: Path) -> tuple[PulseTrain, ForceTrace, str]:
-    """Return pulses, force and its unit of an export: a folder of CSV or a MATLAB file.
-
-    Parameters
-    ----------
-    path : Path
-        What `rpms export` wrote.
-
-    Raises
-    ------
-    RecordingError
-        If it is damaged, or of another version.
-    """
-    try:
-        if path.is_file():
-            content = by_scipy('loadmat', path, simplify_cells=True)
-            facts, pulses, force = content[MARK], content['pulses'], content['force']
-        else:
-            facts = json.loads((path / FACTS).read_text('utf-8'))
-            texts = [(path / name).read_text('utf-8').splitlines() for name in (PULSES, FORCE)]
-            pulses, force = (_table(csv.reader(lines)) for lines in texts)
-        return _session(facts, pulses, force, path)
-    except RecordingError:
-        raise
-    except _NO_NUMBERS as error:
-        reason = f'{type(error).__name__}: {error}'
-        raise RecordingError(f'expected an export of rpms at {path}, got {reason}') from error
-
-
-def _session(
-    facts: Mapping[str, Any], pulses: Table, force: Table, path: Path
-) -> tuple[PulseTrain, ForceTrace, str]:
-    if (found := (facts.get('format'), facts.get('version'))) != (FORMAT, VERSION):
-        raise RecordingError(
-            f'expected {FORMAT!r} version {VERSION} in {path}, got {found[0]!r} {found[1]!r}'
-        )
-    origin = int(facts['origin_ns'])
-    ((unit, name),) = (one for one in FORCE_COLUMNS.items() if one[1] in force)
-    intensity = _column(pulses, INTENSITY, float)
-    for wrong in np.flatnonzero(~((intensity >= 0.0) & (intensity <= 1.0)))[:1].tolist():
-        raise RecordingError(
-            f'expected intensities from 0 to 1 in {path}, got {intensity[wrong]} of pulse '
-            f'{wrong + 1}'
-        )
-    sequence, width = _column(pulses, SEQUENCE, int), _column(pulses, WIDTH, float)
-    train = PulseTrain(_stamps(pulses, origin), intensity, sequence, width)
-    return train, ForceTrace(_stamps(force, origin), _column(force, name, float)), unit
-
-
-def _table(rows: Iterable[Sequence[str]]) -> dict[str, list[str]]:
-    """Return the columns of a table by the names in its first row."""
-    names, *cells = rows
-    columns = zip(*cells, strict=True) if cells else [()] * len(names)
-    return {name: list(column) for name, column in zip(names, columns, strict=True)}
-
-
-def _column(table: Table, name: str, kind: type) -> Any:
-    return np.atleast_1d(np.asarray(table[name])).astype(kind)
-
-
-def _stamps(table: Table, origin: int) -> IntArray:
-    """Return stamps [ns]: those of MATLAB, or times in seconds, exact to the nanosecond."""
-    if STAMP in table:
-        return np.atleast_1d(np.asarray(table[STAMP], np.int64))
-    stamps = []
-    for cell in table[TIME]:
-        time = Decimal(cell)
-        if not -_LATEST < time < _LATEST:
-            raise ValueError(f'expected times below {_LATEST} s, got {cell[:40]}')
-        stamps.append(origin + int(time.scaleb(9).to_integral_value()))
-    return np.array(stamps, dtype=np.int64)

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Tables of text, and exports of LabChart and Spike2, whatever separators and encoding."""
+"""Tables of text, and exports of LabChart, whatever separators and encoding."""
 
 import re
 from collections import Counter
@@ -11,7 +11,7 @@ import numpy as np
 
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import FloatArray
-from rpms_ros.recording.importing.signals import TIME_OF_DAY, Events, Signal, SignalFile, unit_of
+from rpms_ros.recording.importing.signals import TIME_OF_DAY, Signal, SignalFile, unit_of
 
 _MARKS = {
     b'\xef\xbb\xbf': 'utf-8-sig',
@@ -76,7 +76,7 @@ def _text(raw: bytes) -> tuple[str, str]:
 
 
 def read_text(path: Path, block: int | None = None) -> SignalFile:
-    """Return the columns of a table of text, or the channels of LabChart's and Spike2's exports.
+    """Return the columns of a table of text, or the channels of an export of LabChart.
 
     Parameters
     ----------
@@ -95,8 +95,6 @@ def read_text(path: Path, block: int | None = None) -> SignalFile:
         return _labchart(path, text, encoding, block)
     if block is not None:
         raise RecordingError(f'expected a LabChart file with --block, got {path}')
-    if text[:200].lstrip().startswith('"INFORMATION"') and '"CHANNEL"' in text:
-        return _spike2(path, text, encoding)
     return _table(path, text, encoding)
 
 
@@ -342,43 +340,3 @@ def _blocks(lines: list[str]) -> list[tuple[dict[str, list[str]], list[list[str]
 
 def _at(texts: list[str], index: int) -> str:
     return texts[index].strip('*') if index < len(texts) else ''
-
-
-def _spike2(path: Path, text: str, encoding: str) -> SignalFile:
-    """Return waveforms, by start and period, and events of a section for each channel."""
-    signals: list[Signal] = []
-    events: list[Events] = []
-    for section in text.split('"CHANNEL"')[1:]:
-        lines = [line.strip() for line in section.splitlines()]
-        kind, title = (_quoted(lines, place) for place in (1, 3))
-        start = next((line for line in lines if line.startswith('"START"')), None)
-        values = [line.split('\t')[0] for line in lines[4:] if line and not line.startswith('"')]
-        try:
-            numbers = np.array([float(value) for value in values])
-            begin, period = (float(cell) for cell in start.split()[1:3]) if start else (0.0, 0.0)
-        except ValueError as error:
-            raise RecordingError(
-                f'expected numbers in channel {title!r} of {path}, got {error}'
-            ) from error
-        if start:
-            time = begin + period * np.arange(len(numbers), dtype=np.float64)
-            signals.append(Signal(title, numbers, _unit(lines), time))
-        elif len(numbers) and kind.lower().startswith(('evt', 'event', 'level', 'marker')):
-            events.append(Events(title, numbers))
-    if not signals:
-        raise RecordingError(f'expected a waveform with "START" in {path}, got none')
-    return SignalFile(path, 'Spike2 text', tuple(signals), tuple(events), facts=(encoding,))
-
-
-def _quoted(lines: list[str], place: int) -> str:
-    return lines[place].strip('"') if place < len(lines) else ''
-
-
-def _unit(lines: list[str]) -> str:
-    """Return the unit: the first quoted text of the line of scales, before ``START``."""
-    for line in lines[4:]:
-        if line.startswith('"START"'):
-            break
-        if line.startswith('"') and '\t' in line:
-            return line.split('\t')[0].strip('"')
-    return ''

@@ -12,7 +12,7 @@ from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 
-from rpms_ros.axis import FORCE, QUANTITIES
+from rpms_ros.axis import FORCE
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import (
     MAGNETIC_PULSE_WIDTH,
@@ -22,13 +22,7 @@ from rpms_ros.pulses import (
     IntArray,
     PulseTrain,
 )
-from rpms_ros.recording.importing.formats import (
-    is_export,
-    read_excel,
-    read_export,
-    read_matlab,
-    read_xdf,
-)
+from rpms_ros.recording.importing.formats import read_excel, read_matlab
 from rpms_ros.recording.importing.gates import (
     gate_pulses,
     heights_told,
@@ -77,21 +71,21 @@ class Imported:
 
 
 def is_foreign(path: Path) -> bool:
-    """Return whether there is a file of a laboratory or an export, and no recording."""
+    """Return whether there is a file of a laboratory, and no recording."""
     if path.name.removesuffix('.zstd').endswith(tuple(READERS)):
         return False
     named = not path.exists() and path.suffix != ''
-    return named or path.is_file() or is_export(path)
+    return named or path.is_file()
 
 
 @np.errstate(over='ignore', invalid='ignore')
 def import_file(path: Path, options: ImportOptions) -> Imported:
-    """Return pulses and force of a file, or of an export of this package.
+    """Return pulses and force of a file.
 
     Parameters
     ----------
     path : Path
-        Any file that `read_signals` reads; a folder or file that `rpms export` wrote.
+        Any file that `read_signals` reads.
     options : ImportOptions
         What is what.
 
@@ -102,16 +96,6 @@ def import_file(path: Path, options: ImportOptions) -> Imported:
     RecordingError
         If the file cannot be read, or an option does not fit it.
     """
-    if is_export(path):
-        if names := options.given():
-            raise RecordingError(
-                f'expected no options for an export, in which everything is stated, got '
-                f'{", ".join(names)} with {path}'
-            )
-        _refuse_bomb(path)
-        pulses, forces, unit = read_export(path)
-        facts = (('file', 'export of rpms'),)
-        return Imported(pulses, forces, facts, guessed=False, quantity=QUANTITIES[unit])
     file = read_signals(path, options.block, options.sheet)
     guess = guess_by(file, options)
     pulses, forces = _converted(file, guess, options)
@@ -337,7 +321,7 @@ def begins_amid(pulses: PulseTrain, forces: ForceTrace) -> bool:
     return bool(low + least < level < high - least)
 
 
-_ZIP, _XDF, _HDF5, _MATLAB = b'PK\x03\x04', b'XDF:', b'\x89HDF', b'MATLAB'
+_ZIP, _HDF5, _MATLAB = b'PK\x03\x04', b'\x89HDF', b'MATLAB'
 # Elements of a MATLAB file of version 5: plain and packed.
 _MATRIX, _PACKED = 14, 15
 
@@ -404,7 +388,7 @@ def read_signals(path: Path, block: int | None = None, sheet: str | None = None)
     Parameters
     ----------
     path : Path
-        Table of text, LabChart or Spike2 text, MATLAB, Excel or XDF file.
+        Table of text, LabChart text, MATLAB or Excel file.
     block : int, optional
         Block of a LabChart file, from 1.
     sheet : str, optional
@@ -433,8 +417,6 @@ def read_signals(path: Path, block: int | None = None, sheet: str | None = None)
         raise RecordingError(f'expected a workbook with --sheet, got {path}')
     elif head.startswith((_HDF5, _MATLAB)) or path.suffix.lower() == '.mat':
         known = read_matlab
-    elif head.startswith(_XDF):
-        known = read_xdf
     if known is None:
         return read_text(path, block)
     if block is not None:
