@@ -89,33 +89,9 @@ class ForceBins:
         elif not self._begun or not -_JUMP < place - self._open < KEPT:
             self._jumped(place, force)
         elif place > self._open:
-            self._close()
-            self._skip_to(place)
+            self._close(place)
             self._begin(place, force)
         self.last = force
-
-    def add_block(self, stamp_ns: IntArray, force: FloatArray) -> None:
-        """Add samples [ns], [N], each (n,); the bins are those that `add` one by one makes."""
-        if not len(stamp_ns):
-            return
-        # the open bin goes on as two samples of it
-        place = np.concatenate(((self._open, self._open), stamp_ns // BIN_NS))
-        first, last = self._open, int(place[-1])
-        steps = place[1:] - place[:-1]
-        steady = self._begun and last - first < KEPT and steps.min() >= 0
-        if not (steady and np.isfinite(force).all()):
-            for stamp, value in zip(stamp_ns.tolist(), force.tolist(), strict=True):
-                self.add(stamp, value)
-            return
-        force = np.concatenate(((self._low, self._high), force))
-        starts = np.concatenate(((0,), steps.nonzero()[0] + 1))
-        low, high = np.minimum.reduceat(force, starts), np.maximum.reduceat(force, starts)
-        if last > first:
-            closed = place[starts[:-1]] % KEPT
-            self._values[:, np.arange(first, last) % KEPT] = np.nan
-            self._values[0, closed], self._values[1, closed] = low[:-1], high[:-1]
-            self._open, self.newest, self._strays = last, last - 1, (0, 0)
-        self._low, self._high, self.last = float(low[-1]), float(high[-1]), float(force[-1])
 
     def model(self, first: int, forces: FloatArray) -> None:
         """Put the modelled force [N] of bins from `first` on beside the measured."""
@@ -146,17 +122,12 @@ class ForceBins:
         self._open = place
         self._low = self._high = force
 
-    def _close(self) -> None:
-        slot = self._open % KEPT
-        self._values[:, slot] = (self._low, self._high, np.nan)
-        self.newest = self._open
-        self._strays = (0, 0)
-
-    def _skip_to(self, place: int) -> None:
-        """Leave the bins before `place` empty: a hole in the force is a hole in the line."""
-        for skipped in range(self._open + 1, place):
-            self._values[:, skipped % KEPT] = np.nan
+    def _close(self, place: int) -> None:
+        """Keep the open bin; those up to `place` stay empty, as holes in the line."""
+        self._values[:, np.arange(self._open, place) % KEPT] = np.nan
+        self._values[:2, self._open % KEPT] = self._low, self._high
         self.newest = place - 1
+        self._strays = (0, 0)
 
 
 # More than a second of pulses at the highest rate of a schedule.

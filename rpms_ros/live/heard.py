@@ -4,11 +4,11 @@
 
 from collections import deque
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from rpms_ros.printable import counted
 from rpms_ros.pulses import FloatArray
 
 LONGEST_TEXT = 300
@@ -58,27 +58,11 @@ OK, QUIET, SILENT, NEVER = 'ok', 'quiet', 'silent', 'never'
 _SPAN = 3.0
 
 
-@dataclass(frozen=True)
-class Endpoint:
-    """A publisher or subscription of a topic, as the graph has it.
-
-    Attributes
-    ----------
-    node : str
-        Name of its node.
-    type_name : str
-        Type of its messages.
-    publishes : bool
-        Whether it is a publisher.
-    reliable, transient_local : bool
-        What it offers or asks for.
-    """
+class Publisher(NamedTuple):
+    """A publisher of a topic: the name of its node, the type of its messages."""
 
     node: str
     type_name: str
-    publishes: bool
-    reliable: bool = True
-    transient_local: bool = False
 
 
 class Topic:
@@ -98,8 +82,8 @@ class Topic:
         self.count = 0
         self.refused = ''
         self._longest_silence = longest_silence
-        self._endpoints: tuple[Endpoint, ...] = ()
-        self._looked = False
+        # None before the graph was looked at
+        self.publishers: Sequence[Publisher] | None = None
         self._heard = 0.0
         # when it came, how many there were then, and the stamp of the newest
         self._recent: deque[tuple[float, int, int]] = deque()
@@ -112,11 +96,6 @@ class Topic:
             self._recent.append((now, self.count, stamp_ns))
         while self._recent and self._recent[0][0] < now - _SPAN:
             self._recent.popleft()
-
-    def endpoints(self, endpoints: Sequence[Endpoint]) -> None:
-        """Take over who publishes and hears it."""
-        self._endpoints = tuple(endpoints)
-        self._looked = True
 
     def rate(self, now: float) -> float:
         """Return messages a second [Hz] by their stamps, by their arrival if those stand still."""
@@ -159,52 +138,20 @@ class Topic:
             words.append(f'silent for {self.age(now):.0f} s')
         elif state == QUIET:
             words.append(f'nothing for {self.age(now):.0f} s')
-        if state in (SILENT, QUIET) and self._looked and not self.publishers:
+        publishers = self.publishers or ()
+        if state in (SILENT, QUIET) and self.publishers is not None and not publishers:
             words.append('nobody publishes it any more')
         if self.refused:
             words.append(f'not shown: {self.refused}')
-        if len(self.publishers) > 1:
-            names = ', '.join(sorted(one.node for one in self.publishers))
-            words.append(f'{len(self.publishers)} publishers: {names}')
-        return words + mismatches(self._endpoints)
-
-    @property
-    def publishers(self) -> list[Endpoint]:
-        """Who publishes it, as far as the graph was looked at."""
-        return [one for one in self._endpoints if one.publishes]
+        if len(publishers) > 1:
+            names = ', '.join(sorted(one.node for one in publishers))
+            words.append(f'{len(publishers)} publishers: {names}')
+        return words
 
     def _why_never(self) -> str:
-        others = {one.type_name for one in self.publishers} - {self.type_name}
+        others = {one.type_name for one in self.publishers or ()} - {self.type_name}
         if others:
             return f'expected type {self.type_name}, got {", ".join(sorted(others))}'
         if not self.publishers:
             return f'nobody publishes it; expected type {self.type_name}'
-        count = len(self.publishers)
-        return f'{count} publisher{"s" * (count > 1)}, but nothing has come yet'
-
-
-def mismatches(endpoints: Sequence[Endpoint]) -> list[str]:
-    """Return, in words, which nodes do not hear a publisher because of the quality of service.
-
-    A node that hears it through another subscription is not named.
-    """
-    publishers = [one for one in endpoints if one.publishes]
-    listeners: dict[str, list[Endpoint]] = {}
-    for one in endpoints:
-        if not one.publishes:
-            listeners.setdefault(one.node, []).append(one)
-    words = []
-    for publisher in publishers:
-        for node, subscriptions in listeners.items():
-            reasons = [_mismatch(publisher, one) for one in subscriptions]
-            if reasons[0] and all(reasons):
-                words.append(f'{node} does not hear {publisher.node}: it {reasons[0]}')
-    return words
-
-
-def _mismatch(publisher: Endpoint, subscription: Endpoint) -> str:
-    if subscription.reliable and not publisher.reliable:
-        return 'asks for reliable, best effort is offered'
-    if subscription.transient_local and not publisher.transient_local:
-        return 'asks for transient local, volatile is offered'
-    return ''
+        return f'{counted(len(self.publishers), "publisher")}, but nothing has come yet'

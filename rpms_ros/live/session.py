@@ -9,9 +9,8 @@ gets larger frames and fewer of them, and nothing is kept for it.
 import math
 import re
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from itertools import takewhile
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,7 +20,6 @@ from rpms_ros.identification.quality.doubts import MEANING, meaning_of_doubt
 from rpms_ros.live.force_course import BIN_NS, ForceBins, ModelledForce
 from rpms_ros.live.heard import (
     MOST_NAMES,
-    NEVER,
     OK,
     SILENT,
     Topic,
@@ -35,6 +33,7 @@ from rpms_ros.printable import counted
 from rpms_ros.pulses import FloatArray, IntArray, Pulse
 from rpms_ros.report.text import RATE_WORDS, interval_of, label
 
+_NANOSECONDS = 1e-9
 STATES = ('unconfigured', 'disarmed', 'armed', 'running', 'stopped', 'fault')
 BUTTONS = ('released', 'pressed', 'silent', 'unknown')
 STOPPED = 'stopped'
@@ -77,71 +76,68 @@ def _pairs(names: Any, values: list[Any]) -> list[list[Any]]:
     return [[text(name), value] for name, value in zip(names, values, strict=False)][:MOST_NAMES]
 
 
-# Half a minute of estimates, and some.
-_KEPT = 400
-_NANOSECONDS = 1e-9
+class Course:
+    """Keeps values of the last half minute, each with its number and its stamp.
 
-
-class DisturbanceCourse:
-    """Keeps what the estimates of the last half minute tell.
+    Parameters
+    ----------
+    most : int
+        Values that are kept.
 
     Attributes
     ----------
     count : int
-        Estimates so far that told it.
+        Values so far.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, most: int) -> None:
         self.count = 0
-        self._kept: deque[tuple[int, int, float, float]] = deque(maxlen=_KEPT)
+        self._kept: deque[tuple[int, int, tuple[float, ...]]] = deque(maxlen=most)
 
-    def add(self, estimate: Estimate) -> None:
-        """Take an estimate; one that does not know the disturbance is passed over."""
-        value, deviation = estimate.disturbance, estimate.disturbance_deviation
-        if not (math.isfinite(value) and math.isfinite(deviation) and deviation > 0.0):
-            return
-        if self._kept and estimate.stamp_ns <= self._kept[-1][1]:
-            # a clock that has jumped begins anew: a line is drawn over ascending times
-            self._kept.clear()
+    @property
+    def newest_ns(self) -> int | None:
+        """Stamp of the newest [ns], None without one."""
+        return self._kept[-1][1] if self._kept else None
+
+    def add(self, stamp_ns: int, *values: float) -> None:
+        """Take values at a stamp [ns]."""
         self.count += 1
-        self._kept.append((self.count, estimate.stamp_ns, value, deviation))
+        self._kept.append((self.count, stamp_ns, values))
+
+    def any_within(self, first_ns: int, last_ns: int) -> bool:
+        """Whether there is one from `first_ns` to `last_ns` [ns]."""
+        return any(first_ns <= stamp_ns <= last_ns for _, stamp_ns, _ in self._kept)
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self._kept.clear()
+
+    def keep_near(self, origin_ns: int) -> None:
+        """Forget what is of another clock than that of `origin_ns` [ns]."""
+        near = (one for one in self._kept if abs(one[1] - origin_ns) < _NEAR_NS)
+        self._kept = deque(near, maxlen=self._kept.maxlen)
 
     def since(self, count: int, origin_ns: int) -> list[list[float | None]]:
-        """Return time after `origin_ns` [s], value and deviation [N] of those after `count`."""
-        return [
-            [round((stamp_ns - origin_ns) * _NANOSECONDS, 4), number(value), number(deviation)]
-            for counted, stamp_ns, value, deviation in self._kept
-            if counted > count and stamp_ns >= origin_ns
+        """Return time after `origin_ns` [s] and values of those after `count`, oldest first."""
+        new = takewhile(lambda one: one[0] > count, reversed(self._kept))
+        found = [
+            [round((stamp_ns - origin_ns) * _NANOSECONDS, 4), *numbers(values)]
+            for _, stamp_ns, values in new
         ]
+        return found[::-1]
 
 
-class Label(NamedTuple):
-    """How a quantity is shown: its name with its unit, and what its value is multiplied by."""
+_KNOWN = ('u_thr', 'u_sat', 'alpha_sat', 'alpha_thr', 'order')
+PARAMETERS: Mapping[str, tuple[str, float]] = {
+    **{name: (label(name), 1.0) for name in _KNOWN},
+    **{name: (f'{label(name)} [ms]', 1e3) for name in ('twitch_time_constant_s', 'latency_s')},
+    'twitch_peak_n': (f'{label("twitch_peak_n")} [{{unit}}]', 1.0),
+}
+"""Words for the parameters and what is derived from them, and what their values are multiplied by;
+`{unit}` is that of the sensor."""
 
-    text: str
-    factor: float = 1.0
-
-
-PARAMETERS: Mapping[str, Label] = MappingProxyType(
-    {
-        **{name: Label(label(name)) for name in ('u_thr', 'u_sat', 'alpha_sat', 'alpha_thr')},
-        'twitch_time_constant_s': Label(f'{label("twitch_time_constant_s")} [ms]', 1e3),
-        'latency_s': Label(f'{label("latency_s")} [ms]', 1e3),
-        'order': Label(label('order')),
-        'twitch_peak_n': Label(f'{label("twitch_peak_n")} [{{unit}}]'),
-    }
-)
-"""Labels of the parameters and of what is derived from them; `{unit}` is that of the sensor."""
-
-RATES: Mapping[str, Label] = {name: Label(words) for name, words in RATE_WORDS.items()}
-"""Labels of the rates of change per minute."""
-
-
-def label_of(name: str, labels: Mapping[str, Label], unit: str) -> Label:
-    """Return how a quantity is shown; one of somebody else's estimator keeps its name."""
-    known = labels.get(name)
-    return known._replace(text=known.text.replace('{unit}', unit)) if known else Label(name)
-
+RATES: Mapping[str, tuple[str, float]] = {name: (words, 1.0) for name, words in RATE_WORDS.items()}
+"""The same for the rates of change per minute."""
 
 IDENTIFIABILITY = ('not in the data', 'still moving', 'settled')
 """Words for `NOT_INFORMED`, `INFORMED` and `CONVERGED`."""
@@ -182,13 +178,13 @@ def estimate_view(estimate: Estimate, origin_ns: int) -> dict[str, Any]:
         ),
         'parameters': _parameters(estimate, unit),
         'physiology': _rows(
-            _labels(estimate.physiology_names, PARAMETERS, unit),
+            (estimate.physiology_names, PARAMETERS, unit),
             estimate.physiology,
             estimate.physiology_lower,
             estimate.physiology_upper,
         ),
         'rates': _rows(
-            _labels(estimate.rate_names, RATES, unit),
+            (estimate.rate_names, RATES, unit),
             estimate.rate,
             estimate.rate_lower,
             estimate.rate_upper,
@@ -219,35 +215,31 @@ def _curve(
     if not len(force) or len(force) != len(along):
         return None
     shown = thinned(len(along), MOST_POINTS)
-    parts = {
-        name: line[shown]
-        for name, line in (('along', along), ('force', force), ('lower', lower), ('upper', upper))
-        if len(line) == len(along)
+    lines = {'along': along, 'force': force, 'lower': lower, 'upper': upper}
+    return {
+        name: numbers(line[shown]) if len(line) == len(along) else None
+        for name, line in lines.items()
     }
-    values = numbers(np.concatenate(list(parts.values())))
-    count = len(values) // len(parts)
-    each = {name: values[place * count :][:count] for place, name in enumerate(parts)}
-    return {'lower': None, 'upper': None, **each}
 
 
 def _rows(
-    labels: Iterable[Label], values: FloatArray, lower: FloatArray, upper: FloatArray
+    named: tuple[Iterable[str], Mapping[str, tuple[str, float]], str],
+    values: FloatArray,
+    lower: FloatArray,
+    upper: FloatArray,
 ) -> list[list[Any]]:
-    """Return rows of label, value and bounds, None where there are none."""
-    bounded = len(lower) == len(upper) == len(values)
-    return [
-        [
-            text(label.text),
-            number(label.factor * value),
-            number(label.factor * lower[place]) if bounded else None,
-            number(label.factor * upper[place]) if bounded else None,
-        ]
-        for place, (label, value) in enumerate(zip(labels, values, strict=False))
-    ][:MOST_NAMES]
+    """Return rows of words, value and bounds, None where there are none.
 
-
-def _labels(names: Iterable[str], labels: Mapping[str, Label], unit: str) -> Iterator[Label]:
-    return (label_of(name, labels, unit) for name in names)
+    A quantity of somebody else's estimator keeps its name.
+    """
+    names, known, unit = named
+    if not len(lower) == len(upper) == len(values):
+        lower = upper = np.full(len(values), np.nan)
+    rows: list[list[Any]] = []
+    for name, *found in zip(names, values, lower, upper, strict=False):
+        words, factor = known.get(name, (name, 1.0))
+        rows.append([text(words.replace('{unit}', unit)), *(number(factor * x) for x in found)])
+    return rows[:MOST_NAMES]
 
 
 def _plain(meaning: str) -> str:
@@ -265,7 +257,7 @@ def _parameters(estimate: Estimate, unit: str) -> list[list[Any]]:
         for place, (name, value, deviation) in enumerate(known):
             ends = interval_of(name, value, deviation, estimate.confidence)
             bounds[:, place] = ends or np.nan
-    rows = _rows(_labels(estimate.nonlinear_names, PARAMETERS, unit), values, *bounds)
+    rows = _rows((estimate.nonlinear_names, PARAMETERS, unit), values, *bounds)
     for row, flag in zip(rows, flags, strict=False):
         row.append(IDENTIFIABILITY[flag] if 0 <= flag < len(IDENTIFIABILITY) else '')
         if flag == 0:
@@ -275,8 +267,8 @@ def _parameters(estimate: Estimate, unit: str) -> list[list[Any]]:
 
 FORCE, PULSES, ESTIMATE, DRIVER = 'force', 'pulses', 'estimate', 'driver_status'
 
-# Pulses of half a minute at 50 Hz, and some.
-_KEPT_PULSES = 2000
+# Pulses of half a minute at 50 Hz, and some; so many estimates tell of a disturbance.
+_KEPT_PULSES, _KEPT_DISTURBANCES = 2000, 400
 # The modelled force waits so long for pulses that come after their force [bins].
 _HOLD = 20
 _TOPICS_PERIOD = 0.5
@@ -301,16 +293,13 @@ _UNHEARD = 'Use the switch of the stimulator, then look at the driver: it is not
 
 
 class Cursor(NamedTuple):
-    """What a browser has: counters of the newest part of each kind, the epoch of the force."""
+    """What a browser has: epoch and counters of the courses, and how many changes of the rest."""
 
     epoch: int = -1
     bin: int = 0
     pulse: int = 0
-    estimate: int = 0
-    driver: int = 0
-    topics: int = 0
-    stop: int = 0
     disturbance: int = 0
+    changes: int = 0
 
 
 class LiveSession:
@@ -328,8 +317,6 @@ class LiveSession:
         Of what the sensor measures.
     own : str
         Name of the page's node, with its namespace.
-    first_curve_s : float
-        How long an identifier takes from its start to its first curve [s].
     """
 
     def __init__(
@@ -339,12 +326,9 @@ class LiveSession:
         can_stop: bool = False,
         unit: str = 'N',
         own: str = '/live_page',
-        first_curve_s: float = 60.0,
     ) -> None:
         self.title = namespace.strip('/').replace('_', ' ') or _UNNAMED
         self._own = re.compile(rf'(?<!\w){re.escape(own)}(?![\w/])')
-        self._first_curve_s = first_curve_s
-        self._began = math.nan
         self.unit = unit
         self.topics = topics
         self.can_stop = can_stop
@@ -353,20 +337,17 @@ class LiveSession:
         self._ready = -1
         self._epoch = 0
         self._model = ModelledForce()
-        self._pulses: deque[tuple[int, int, float]] = deque(maxlen=_KEPT_PULSES)
-        self._pulse_count = 0
+        self._pulses = Course(_KEPT_PULSES)
+        self._disturbance = Course(_KEPT_DISTURBANCES)
         self._bad_pulses = 0
         self._estimate: Estimate | None = None
-        self._estimate_count = 0
-        self._disturbance = DisturbanceCourse()
         self._driver: dict[str, Any] | None = None
-        self._driver_count = 0
-        self._topic_views: list[dict[str, Any]] = []
-        self._top: dict[str, Any] = {}
-        self._topic_count = 0
         self._next_topics = -math.inf
-        self._stop: dict[str, Any] = {'pressed': False, 'text': ''}
-        self._stop_count = 1
+        self._stop: dict[str, Any] = {}
+        # what is sent when it has changed: the number of its newest change, and how it is told
+        self._told: dict[str, tuple[int, Callable[[], Any]]] = {}
+        self._changes = 0
+        self.stop(False, '')
 
     @property
     def stop_pressed(self) -> bool:
@@ -389,23 +370,29 @@ class LiveSession:
 
     def force(self, stamp_ns: IntArray, force: FloatArray) -> None:
         """Take force samples [ns], [N], each (n,)."""
-        self.bins.add_block(stamp_ns, force)
+        for stamp, value in zip(stamp_ns.tolist(), force.tolist(), strict=True):
+            self.bins.add(stamp, value)
 
     def pulse(self, pulse: Pulse) -> None:
         """Take a pulse that was delivered; one of an impossible intensity is counted only."""
         if not 0.0 <= pulse.intensity <= 1.0:
             self._bad_pulses += 1
             return
-        self._pulse_count += 1
-        self._pulses.append((self._pulse_count, pulse.onset_ns, pulse.intensity))
+        self._pulses.add(pulse.onset_ns, pulse.intensity)
         self._model.pulse(pulse.onset_ns, pulse.intensity)
 
     def estimate(self, estimate: Estimate) -> None:
         """Take an estimate."""
         self._estimate = estimate
-        self._estimate_count += 1
+        self._tell('estimate', lambda: self._estimate_part(estimate))
         self._model.estimate(estimate)
-        self._disturbance.add(estimate)
+        value, deviation = estimate.disturbance, estimate.disturbance_deviation
+        if not (math.isfinite(value) and math.isfinite(deviation) and deviation > 0.0):
+            return
+        if estimate.stamp_ns <= (self._disturbance.newest_ns or 0):
+            # a clock that has jumped begins anew: a line is drawn over ascending times
+            self._disturbance.clear()
+        self._disturbance.add(estimate.stamp_ns, value, deviation)
 
     def call(self, frame_id: str) -> None:
         """Take the frame of an estimate: the name of the muscle, if somebody has given it one."""
@@ -420,7 +407,12 @@ class LiveSession:
         self.state = view['state']
         if view != self._driver:
             self._driver = view
-            self._driver_count += 1
+            self._tell('driver', lambda: view)
+
+    def _tell(self, name: str, told: Callable[[], Any]) -> None:
+        """Have a part sent to every browser that does not have this change of it."""
+        self._changes += 1
+        self._told[name] = self._changes, told
 
     def _plain(self, words: str) -> str:
         """Return a text of the driver without identities, and with this page called so."""
@@ -432,14 +424,15 @@ class LiveSession:
         stop = {'pressed': pressed, 'text': text}
         if stop != self._stop:
             self._stop = stop
-            self._stop_count += 1
+            self._tell('stop', lambda: stop)
 
     def advance(self, now: float) -> None:
         """Work out what can be shown by now [s], a steady clock."""
         if self._epoch != self.bins.epoch or self._ready < self.bins.origin - 1:
             self._epoch = self.bins.epoch
             self._ready = self.bins.origin - 1
-            self._forget_pulses()
+            for course in (self._pulses, self._disturbance):
+                course.keep_near(self._origin_ns)
         last = self.bins.newest - _HOLD
         if last > self._ready:
             first = max(self._ready + 1, self.bins.oldest)
@@ -449,15 +442,12 @@ class LiveSession:
             self._ready = last
         if now >= self._next_topics:
             self._next_topics = now + _TOPICS_PERIOD
-            self._topic_views = [topic.view(now) for topic in self.topics.values()]
-            self._note_bad_data()
-            self._top = self._head(now)
-            self._topic_count += 1
+            views, top = self._views(now), self._head(now)
+            self._tell('topics', lambda: views)
+            self._tell('top', lambda: top)
 
     def _head(self, now: float) -> dict[str, Any]:
         """Return what stands above everything else."""
-        if math.isnan(self._began):
-            self._began = now
         force, estimate, driver = (self.topics[name] for name in (FORCE, ESTIMATE, DRIVER))
         old = self._estimate is not None and (
             bool(estimate.refused) or estimate.state(now) == SILENT
@@ -473,27 +463,16 @@ class LiveSession:
             'title': self.title,
             'alarms': alarms,
             'old': old,
-            'waiting': self._waiting(now) if self._estimate is None else '',
+            'waiting': self._waiting() if self._estimate is None else '',
             'next': _UNHEARD if lost else _NEXT.get(self.state, ''),
         }
 
-    def _waiting(self, now: float) -> str:
-        """Return why there is no estimate yet, and when there will be one."""
+    def _waiting(self) -> str:
+        """Return why there is no estimate yet."""
         if self.topics[ESTIMATE].publishers:
-            asleep = self.topics[FORCE].state(now) == NEVER
+            asleep = not self.topics[FORCE].count
             return f'the identifier waits for {"force" if asleep else "pulses"}'
-        left = self._first_curve_s - (now - self._began)
-        if left > 0.0:
-            return f'compiling, first curve in about {5 * math.ceil(left / 5.0)} s'
-        return (
-            f'no identifier for {now - self._began:.0f} s: is it running? One that compiles takes '
-            'longer on a busy machine'
-        )
-
-    def _forget_pulses(self) -> None:
-        """Forget pulses of another clock than that of the force, which has begun anew."""
-        near = (pulse for pulse in self._pulses if abs(pulse[1] - self._origin_ns) < _NEAR_NS)
-        self._pulses = deque(near, maxlen=_KEPT_PULSES)
+        return 'no identifier is heard; one that compiles takes a minute, on a busy machine longer'
 
     def frame(self, cursor: Cursor) -> tuple[Cursor, dict[str, Any] | None]:
         """Return what a browser does not have, as JSON takes it, and its new cursor.
@@ -502,36 +481,30 @@ class LiveSession:
         """
         parts: dict[str, Any] = {}
         if cursor == Cursor():
-            parts['session'] = {
-                'can_stop': self.can_stop,
-                'unit': self.unit,
-            }
-        if self._ready >= self.bins.origin and (
-            cursor.epoch != self._epoch or cursor.bin < self._ready
-        ):
-            parts['force'] = self._force_part(cursor)
+            parts['session'] = {'can_stop': self.can_stop, 'unit': self.unit}
         # times of pulses and changes count from the first sample
-        if self._pulse_count > cursor.pulse and self._begun:
-            parts['pulses'] = self._pulse_part(cursor)
-        if self._disturbance.count > cursor.disturbance and self._begun:
-            have = cursor.disturbance if cursor.epoch == self._epoch else 0
-            parts['disturbance'] = self._disturbance.since(have, self._origin_ns)
-        if self._estimate is not None and self._estimate_count > cursor.estimate:
-            parts['estimate'] = self._estimate_part(self._estimate)
-        if self._driver_count > cursor.driver:
-            parts['driver'] = self._driver
-        if self._topic_count > cursor.topics:
-            parts['topics'], parts['top'] = self._topic_views, self._top
-        if self._stop_count > cursor.stop:
-            parts['stop'] = self._stop
+        if self._begun:
+            have = cursor if cursor.epoch == self._epoch else Cursor()
+            if have.epoch < 0 or have.bin < self._ready:
+                parts['force'] = self._force_part(have)
+            origin_ns = self._origin_ns
+            if self._pulses.count > cursor.pulse:
+                parts['pulses'] = self._pulses.since(have.pulse, origin_ns)
+            if self._disturbance.count > cursor.disturbance:
+                parts['disturbance'] = self._disturbance.since(have.disturbance, origin_ns)
+        for name, (change, told) in self._told.items():
+            if change > cursor.changes:
+                parts[name] = told()
         if not parts:
             return cursor, None
-        return self._whole(cursor), parts
+        if self._begun:
+            counts = self._pulses.count, self._disturbance.count
+            cursor = Cursor(self._epoch, self._ready, *counts)
+        return cursor._replace(changes=self._changes), parts
 
     def _estimate_part(self, estimate: Estimate) -> dict[str, Any]:
         view = estimate_view(estimate, self._origin_ns)
-        ago = (estimate.stamp_ns - onset_ns for _, onset_ns, _ in self._pulses)
-        if not any(0 <= one <= _REST_NS for one in ago):
+        if not self._pulses.any_within(estimate.stamp_ns - _REST_NS, estimate.stamp_ns):
             # a share of the noise says nothing
             view['output_error'] = None
         return view
@@ -544,45 +517,23 @@ class LiveSession:
     def _origin_ns(self) -> int:
         return self.bins.origin * BIN_NS
 
-    def _whole(self, cursor: Cursor) -> Cursor:
-        """Return the cursor of a browser that has everything."""
-        return Cursor(
-            epoch=self._epoch if self._begun else cursor.epoch,
-            bin=self._ready,
-            pulse=self._pulse_count if self._begun else cursor.pulse,
-            estimate=self._estimate_count,
-            driver=self._driver_count,
-            topics=self._topic_count,
-            stop=self._stop_count,
-            disturbance=self._disturbance.count if self._begun else cursor.disturbance,
-        )
-
-    def _force_part(self, cursor: Cursor) -> dict[str, Any]:
+    def _force_part(self, have: Cursor) -> dict[str, Any]:
         first = self.bins.oldest
-        if cursor.epoch == self._epoch:
-            first = max(first, cursor.bin + 1)
-        shown = self.bins.since(first, self._ready)
-        values, count = numbers(shown.ravel()), shown.shape[1]
+        if have.epoch == self._epoch:
+            first = max(first, have.bin + 1)
+        low, high, modelled = map(numbers, self.bins.since(first, self._ready))
         return {
             'epoch': self._epoch,
             'first': first - self.bins.origin,
             'width': BIN_NS * 1e-9,
-            'low': values[:count],
-            'high': values[count : 2 * count],
-            'modelled': values[2 * count :],
+            'low': low,
+            'high': high,
+            'modelled': modelled,
         }
 
-    def _pulse_part(self, cursor: Cursor) -> list[list[float | None]]:
-        origin_ns = self._origin_ns
-        have = cursor.pulse if cursor.epoch == self._epoch else 0
-        new = takewhile(lambda pulse: pulse[0] > have, reversed(self._pulses))
-        return [
-            [round((onset_ns - origin_ns) * 1e-9, 4), number(intensity)]
-            for _, onset_ns, intensity in reversed(list(new))
-        ]
-
-    def _note_bad_data(self) -> None:
-        counts = {
+    def _views(self, now: float) -> list[dict[str, Any]]:
+        """Return what is shown of each topic, and of the data in it that are not used."""
+        bad = {
             FORCE: (
                 (self.bins.not_finite, 'sample', ' not finite'),
                 (self.bins.stray, 'sample', ' stamped far from the others'),
@@ -590,6 +541,10 @@ class LiveSession:
             ),
             PULSES: ((self._bad_pulses, 'pulse', ' with an intensity outside 0..1'),),
         }
-        for view, name in zip(self._topic_views, self.topics, strict=True):
-            words = [counted(n, what) + which for n, what, which in counts.get(name, ()) if n]
+        views = []
+        for name, topic in self.topics.items():
+            view = topic.view(now)
+            words = [counted(n, what) + which for n, what, which in bad.get(name, ()) if n]
             view['text'] = '; '.join([view['text'], *words] if view['text'] else words)
+            views.append(view)
+        return views

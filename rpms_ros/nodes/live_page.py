@@ -16,8 +16,6 @@ and leaves; the driver stays stopped until somebody resets it.
 """
 
 import math
-import os
-import platform
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -30,7 +28,6 @@ from geometry_msgs.msg import WrenchStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from std_srvs.srv import Trigger
@@ -41,7 +38,7 @@ from rpms_ros.axis import FORCE, UNITS, Axis
 from rpms_ros.errors import MessageError, NodeError
 from rpms_ros.live import session as shown
 from rpms_ros.live.force_course import alike, forces_of, warm_up
-from rpms_ros.live.heard import NEVER, SILENT, Endpoint, Topic
+from rpms_ros.live.heard import NEVER, SILENT, Publisher, Topic
 from rpms_ros.live.server import Access, LiveServer, token_of
 from rpms_ros.live.session import LiveSession
 from rpms_ros.nodes.common import qos, topics
@@ -121,9 +118,15 @@ class LiveListener:
         for data in self._heard(shown.DRIVER, now)[-1:]:
             self._read(shown.DRIVER, self._driver, data)
 
-    def endpoints(self) -> dict[str, list[Endpoint]]:
-        """Return who publishes and hears each topic, without this node."""
-        return {key: self._endpoints(topic.name) for key, topic in self._session.topics.items()}
+    def publishers(self) -> dict[str, list[Publisher]]:
+        """Return who publishes each topic."""
+        return {
+            key: [
+                Publisher(f'{one.node_namespace.rstrip("/")}/{one.node_name}', one.topic_type)
+                for one in self._node.get_publishers_info_by_topic(topic.name)
+            ]
+            for key, topic in self._session.topics.items()
+        }
 
     def close(self) -> None:
         """End the second node; `listen` must not be called any more."""
@@ -162,22 +165,6 @@ class LiveListener:
 
     def _driver(self, data: bytes) -> None:
         self._session.driver(_message(data, DriverStatus))
-
-    def _endpoints(self, topic: str) -> list[Endpoint]:
-        publishers = self._node.get_publishers_info_by_topic(topic)
-        subscribers = self._node.get_subscriptions_info_by_topic(topic)
-        others = [one for one in subscribers if one.node_name != self._node.get_name()]
-        return [
-            Endpoint(
-                f'{one.node_namespace.rstrip("/")}/{one.node_name}',
-                one.topic_type,
-                publishes,
-                one.qos_profile.reliability is ReliabilityPolicy.RELIABLE,
-                one.qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL,
-            )
-            for publishes, found in ((True, publishers), (False, others))
-            for one in found
-        ]
 
 
 def _message(data: bytes, kind: Any) -> Any:
@@ -373,7 +360,6 @@ class LivePage(Node):
             bool(token),
             UNITS[settings.quantity],
             self.get_fully_qualified_name(),
-            _first_curve_s(),
         )
         self.stop: LiveStop | None = None
         if token:
@@ -404,11 +390,11 @@ class LivePage(Node):
         """Look at the graph, and at the server, once a second; say how the page is."""
         if self.server.failure is not None:
             raise NodeError(f'expected the page to be served, got {self.server.failure!r}')
-        found = self.listener.endpoints()
+        found = self.listener.publishers()
 
         def take_over() -> None:
-            for key, endpoints in found.items():
-                self.session.topics[key].endpoints(endpoints)
+            for key, publishers in found.items():
+                self.session.topics[key].publishers = publishers
             # the session belongs to the thread of the server
             self._health = live_health(self.session, len(self.server.browsers), time.monotonic())
 
@@ -418,13 +404,6 @@ class LivePage(Node):
 
     def _tell(self, pressed: bool, text: str) -> None:
         self.server.call(lambda: self.session.stop(pressed, text))
-
-
-def _first_curve_s() -> float:
-    """Return how long it takes to the first curve [s]: as `bench/first_curve.py` measured it."""
-    folder = os.environ.get('NUMBA_CACHE_DIR', '')
-    compiled = any(Path(folder).glob(f'compiled-*-{platform.node()}')) if folder else False
-    return 10.0 if compiled else 60.0
 
 
 def serve(

@@ -58,37 +58,3 @@ def test_whatever_comes_the_bins_stay_whole(samples):
         known = ~np.isnan(low)
         assert (low[known] <= high[known]).all()
         assert np.isfinite(high[known]).all()
-
-
-def in_blocks(samples, sizes):
-    """Bins of samples that came in blocks of these sizes, the rest in one."""
-    bins, first = ForceBins(), 0
-    for size in [*sizes, len(samples)]:
-        part = samples[first : first + size]
-        bins.add_block(
-            np.array([stamp for stamp, _ in part], dtype=np.int64),
-            np.array([force for _, force in part], dtype=np.float64),
-        )
-        first += size
-    return bins
-
-
-def content(bins):
-    """Everything that bins say of themselves."""
-    counts = (bins.epoch, bins.origin, bins.oldest, bins.newest, bins.not_finite, bins.stray)
-    shown = bins.since(bins.oldest, max(bins.newest, bins.oldest))
-    return counts, np.nan_to_num(shown, nan=-1e9).tolist(), repr(bins.last)
-
-
-steps = st.integers(-3 * BIN_NS, 10 * BIN_NS) | st.sampled_from([-(10**15), 0, 1, 10**12])
-forces = st.floats(-10.0, 10.0) | st.sampled_from([float('nan'), float('inf')])
-
-
-@given(st.lists(st.tuples(steps, forces), max_size=60), st.lists(st.integers(0, 20), max_size=6))
-def test_bins_do_not_depend_on_how_the_samples_come(moves, sizes):
-    stamps = np.cumsum([10**18, *(step for step, _ in moves)], dtype=np.int64)[1:]
-    samples = list(zip(stamps.tolist(), [force for _, force in moves], strict=True))
-    bins = ForceBins()
-    for stamp_ns, force in samples:
-        bins.add(stamp_ns, force)
-    assert content(in_blocks(samples, sizes)) == content(bins)

@@ -1,10 +1,14 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether messages of a topic are received, and why not."""
+"""Whether messages of a topic are received, and why not; numbers of anybody are valid JSON."""
 
+import json
+
+import hypothesis.strategies as st
 import pytest
+from hypothesis import given
 
-from rpms_ros.live.heard import Endpoint, Topic, mismatches
+from rpms_ros.live.heard import Publisher, Topic, numbers
 
 PULSE = 'rpms_msgs/msg/Pulse'
 
@@ -15,7 +19,7 @@ def topic():
 
 
 def test_a_topic_that_nobody_publishes(topic):
-    topic.endpoints([Endpoint('/identifier', PULSE, False)])
+    topic.publishers = []
     view = topic.view(1.0)
     assert (view['state'], view['text']) == (
         'never',
@@ -24,7 +28,7 @@ def test_a_topic_that_nobody_publishes(topic):
 
 
 def test_a_topic_of_another_type(topic):
-    topic.endpoints([Endpoint('/mine', 'std_msgs/msg/Float64', True)])
+    topic.publishers = [Publisher('/mine', 'std_msgs/msg/Float64')]
     assert topic.view(1.0)['text'] == f'expected type {PULSE}, got std_msgs/msg/Float64'
 
 
@@ -37,7 +41,7 @@ def test_a_topic_that_falls_silent(topic):
     assert view['rate'] == pytest.approx(100.0, rel=0.05)
     assert topic.view(10.6)['state'] == 'silent'
     assert topic.view(15.2)['text'] == 'silent for 5 s'
-    topic.endpoints([])
+    topic.publishers = []
     assert topic.view(15.2)['text'].endswith('nobody publishes it any more')
 
 
@@ -47,20 +51,6 @@ def test_silence_of_pulses_is_no_fault():
     topic.heard(0, 60.0)
     assert topic.view(60.0)['state'] == 'quiet'
     assert topic.view(60.0)['rate'] == 0.0
-
-
-def test_who_does_not_hear_whom_because_of_the_quality_of_service():
-    best_effort = Endpoint('/sensor', 'W', True, reliable=False)
-    asks = Endpoint('/recorder', 'W', False)
-    assert mismatches([best_effort, asks]) == [
-        '/recorder does not hear /sensor: it asks for reliable, best effort is offered'
-    ]
-    # a second subscription that hears it
-    assert mismatches([best_effort, asks, Endpoint('/recorder', 'W', False, False)]) == []
-    kept = Endpoint('/late', 'W', False, transient_local=True)
-    assert mismatches([Endpoint('/sensor', 'W', True), kept]) == [
-        '/late does not hear /sensor: it asks for transient local, volatile is offered'
-    ]
 
 
 def test_a_rate_is_counted_by_the_stamps(topic):
@@ -79,3 +69,12 @@ def test_a_rate_is_counted_by_the_stamps(topic):
     for step in range(20):
         constant.heard(10, 0.1 * step, 7)
     assert constant.rate(1.9) == pytest.approx(100.0)
+
+
+@given(st.lists(st.floats(allow_nan=True, allow_infinity=True)))
+def test_any_numbers_are_valid_json(values):
+    found = numbers(values)
+    json.dumps(found, allow_nan=False)
+    for value, said in zip(values, found, strict=True):
+        # five digits; below 1e-295 there is no power of ten for all of them
+        assert said is None or said == pytest.approx(value, rel=1e-4, abs=1e-295)

@@ -140,7 +140,6 @@ def test_it_says_what_is_not_heard_and_why(graph, page, stranger):
     publisher = stranger.create_publisher(Float64, topics.PULSES, 10)
     other = graph.add(lambda **options: Node('other', **options))
     sensor = other.create_publisher(WrenchStamped, topics.FORCE, qos.FORCE_BEST_EFFORT)
-    other.create_subscription(WrenchStamped, topics.FORCE, print, qos.FORCE)
 
     def text(name):
         publisher.publish(Float64(data=1.0))
@@ -150,8 +149,7 @@ def test_it_says_what_is_not_heard_and_why(graph, page, stranger):
         lambda: text('pulses') == 'expected type rpms_msgs/msg/Pulse, got std_msgs/msg/Float64'
     )
     assert 'expected type rpms_msgs/msg/MuscleEstimate' in text('estimate')
-    graph.wait_for(lambda: 'other does not hear /other: it asks for reliable' in text('force'))
-    assert '1 publisher, but nothing has come yet' in text('force')
+    graph.wait_for(lambda: '1 publisher, but nothing has come yet' in text('force'))
     sensor.publish(messages.force_message(10**18, 1.0, (0.0, 0.0, 1.0), MESSAGE_TYPES, 'sensor'))
     graph.wait_for(lambda: page.session.bins.last == 1.0)
     assert page.session.topics['force'].count == 1

@@ -243,7 +243,7 @@ def test_the_stop_of_the_page_asks_for_the_token(graph, page, browser):
     browser.wait_for("lost && !document.body.classList.contains('lost')")
     # the first frame, which has it, is drawn
     streams = page.server.browsers
-    graph.wait_for(lambda: any(one.ready and one.cursor.topics for one in streams))
+    graph.wait_for(lambda: any(one.ready and one.cursor.changes for one in streams))
     browser.evaluate("document.getElementById('topic-rows').replaceChildren()")
     # ... and all texts are written anew
     browser.wait_for("document.getElementById('topic-rows').childElementCount > 0")
