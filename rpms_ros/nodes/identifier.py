@@ -24,11 +24,8 @@ from typing import Any
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.qos import ReliabilityPolicy
 from rclpy.serialization import deserialize_message
-from rclpy.subscription import Subscription
 from std_srvs.srv import Trigger
 
 from rpms_msgs.msg import MuscleEstimate, Pulse as PulseMessage
@@ -68,15 +65,8 @@ from rpms_ros.nodes.common.parameters import (
     follow_parameters,
     parameter,
 )
-from rpms_ros.nodes.common.qos import (
-    Taken,
-    drained,
-    second_node,
-    subscribe,
-    taken_from,
-    warn_of_unused,
-)
-from rpms_ros.nodes.common.runner import complete_or_gone, run
+from rpms_ros.nodes.common.qos import Ear, Taken, second_node
+from rpms_ros.nodes.common.runner import NodeOfParts, complete_or_gone, every, run
 from rpms_ros.nodes.common.topics import MESSAGE_TYPES
 from rpms_ros.pulses import ForceTrace, IntArray, PulseTrain
 
@@ -208,10 +198,6 @@ def build_stream(settings: IdentifierParameters) -> IdentificationStream:
     return IdentificationStream(build_estimator(settings), stream_settings(settings))
 
 
-SUFFIX = '_hearing'
-"""What the name of the second node adds to the identifier's."""
-
-
 class Hearing:
     """Subscriptions to force and pulses.
 
@@ -230,40 +216,29 @@ class Hearing:
         self._axis = axis
         self._quantity = quantity
         self.sensor_frame = ''
-        self._node = second_node(node, SUFFIX)
+        self._node = second_node(node)
         with complete_or_gone(self._node):
-            # Overrides of the quality of service are parameters of the identifier.
-            self._pulses = subscribe(node, self._node, PulseMessage, topics.PULSES, qos.PULSES)
-            self._force = subscribe(node, self._node, WrenchStamped, topics.FORCE, qos.FORCE)
-        self._best_effort: Subscription | None = None
+            self._pulses = Ear(node, self._node, PulseMessage, topics.PULSES, qos.PULSES)
+            self._force = Ear(node, self._node, WrenchStamped, topics.FORCE, qos.FORCE)
 
-    @property
-    def hears_best_effort(self) -> bool:
-        """Whether a force that is published best effort is heard."""
-        told = self._force.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT
-        return told or self._best_effort is not None
-
-    def hear_best_effort(self) -> None:
-        """Subscribe to the force best effort too."""
-        name = self._named.resolve_topic_name(topics.FORCE)
-        self._best_effort = taken_from(self._node, WrenchStamped, name, qos.FORCE_BEST_EFFORT)
+    def look(self) -> bool:
+        """Look at the publishers; return whether the force is heard best effort from now on."""
+        return self._force.look()
 
     def begin_anew(self) -> None:
         """Forget what has come."""
-        for subscription in (self._force, self._pulses, self._best_effort):
-            drained(subscription)
+        for ear in (self._force, self._pulses):
+            ear.taken()
 
-    def heard(self, best_effort_alone: bool) -> tuple[PulseTrain, ForceTrace, IntArray]:
+    def heard(self) -> tuple[PulseTrain, ForceTrace, IntArray]:
         """Return what has come since the last look, and how many samples came before each pulse.
 
         A reliable force comes twice where best effort is subscribed to as well; it is taken from
         there only if all of its publishers are best effort.
         """
         # Pulses last: none is handed over later than a sample that came after it.
-        forces = drained(self._force)
-        besides = drained(self._best_effort)
-        forces += besides if best_effort_alone else []
-        pulses = drained(self._pulses)
+        forces = self._force.taken()
+        pulses = self._pulses.taken()
         return (
             PulseTrain.of(
                 [messages.pulse_of(deserialize_message(one.data, PulseMessage)) for one in pulses]
@@ -311,38 +286,26 @@ class Publishers:
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self.best_effort_alone = False
         self.fault_counts: dict[str, int] = {}
         self._counts: dict[str, int] = {}
         self._recent: deque[tuple[str, ...]] = deque(maxlen=_SECONDS)
 
-    def look(self) -> bool:
-        """Note topics with more publishers than one.
-
-        Returns whether all publishers of the force are best effort, which a reliable subscription
-        does not hear.
-        """
+    def look(self) -> None:
+        """Note topics with more publishers than one."""
         crowded = []
         for name, topic in (
             (faults.FORCE_PUBLISHERS, topics.FORCE),
             (faults.PULSE_PUBLISHERS, topics.PULSES),
         ):
             found = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(topic))
-            before, count = (
-                self._counts.get(name, 1),
-                len({tuple(one.endpoint_gid) for one in found}),
-            )
+            count = len({tuple(one.endpoint_gid) for one in found})
+            before = self._counts.get(name, 1)
             self._counts[name] = max(count, 1)
             if count > 1:
                 crowded.append(name)
                 further = max(count - before, 0)
                 self.fault_counts[name] = self.fault_counts.get(name, 0) + further
-            if topic == topics.FORCE:
-                self.best_effort_alone = bool(found) and all(
-                    one.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT for one in found
-                )
         self._recent.append(tuple(crowded))
-        return self.best_effort_alone
 
     def noted(self, estimate: Estimate) -> Estimate:
         """Return the estimate with what was found here among its faults and doubts."""
@@ -463,18 +426,15 @@ _SILENCE = 5.0
 _LOOK_PERIOD = 0.02
 
 
-class Identifier(Node):
+class Identifier(NodeOfParts):
     """On-line identification; keyword arguments go to `rclpy.node.Node`."""
 
     settings_type = IdentifierParameters
 
     def __init__(self, **options: Any) -> None:
         super().__init__('identifier', **options)
-        with complete_or_gone(self) as self._parts:
-            self._build()
 
     def _build(self) -> None:
-        """Make the parts of the node, each after those that it depends on."""
         self.settings = declare_parameters(self, IdentifierParameters)
         # nothing may be left to compile while force comes in
         warm_up(
@@ -497,15 +457,13 @@ class Identifier(Node):
         )
         self._hearing = Hearing(self, self._axis, self.settings.quantity)
         self._parts.callback(self._hearing.close)
-        warn_of_unused(self)
         self._senders = Publishers(self)
         for name, act in (('reset', self._reset), ('hold', self._hold), ('resume', self._resume)):
             self.create_service(Trigger, f'~/{name}', _answering(act))
         StateServices(self, self.settings.state_folder, self._save, self._load)
         follow_parameters(self, self.settings, self._change)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(_LOOK_PERIOD, self._process, clock=steady)
-        self.create_timer(PERIOD_S, self._report, clock=steady)
+        every(self, _LOOK_PERIOD, self._process)
+        every(self, PERIOD_S, self._report)
         self._say_what_is_done()
 
     def _say_what_is_done(self) -> None:
@@ -515,11 +473,6 @@ class Identifier(Node):
             f'identifying with {self.stream.estimator.name}: {settings.quantity} [{self._unit}] '
             f'on {force} along {settings.axis}; pulses on {pulses}'
         )
-
-    def destroy_node(self) -> None:
-        """Destroy the node, and the second one that receives for it."""
-        self._parts.close()
-        super().destroy_node()  # type: ignore[no-untyped-call]
 
     def _reset(self) -> str:
         """Forget everything and start again, as after a change of the electrode or the coil."""
@@ -567,7 +520,7 @@ class Identifier(Node):
 
     def _take(self) -> None:
         """Pass what has come to the stream."""
-        pulses, forces, before = self._hearing.heard(self._senders.best_effort_alone)
+        pulses, forces, before = self._hearing.heard()
         if len(forces):
             self._heard = time.monotonic()
         # In the order of arrival, as a recorder writes them and a replay reads them.
@@ -609,9 +562,8 @@ class Identifier(Node):
             logger_of(self).info('nothing speaks against the estimate any more')
 
     def _report(self) -> None:
-        unheard = self._senders.look() and not self._hearing.hears_best_effort
-        if unheard:
-            self._hearing.hear_best_effort()
+        self._senders.look()
+        if self._hearing.look():
             logger_of(self).warning(
                 f'{self.resolve_topic_name(topics.FORCE)} is published best effort: it is heard, '
                 'and samples may be lost'

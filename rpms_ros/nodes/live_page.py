@@ -23,9 +23,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message
@@ -38,20 +36,17 @@ from rpms_ros.axis import FORCE, UNITS, Axis
 from rpms_ros.errors import MessageError, NodeError
 from rpms_ros.live import session as shown
 from rpms_ros.live.force_course import alike, forces_of, warm_up
-from rpms_ros.live.heard import NEVER, SILENT, Publisher, Topic
+from rpms_ros.live.heard import Publisher, Topic
 from rpms_ros.live.server import Access, LiveServer, token_of
 from rpms_ros.live.session import LiveSession
 from rpms_ros.nodes.common import qos, topics
-from rpms_ros.nodes.common.diagnostics import PERIOD_S, DiagnosticsPublisher, Health, logger_of
+from rpms_ros.nodes.common.diagnostics import PERIOD_S, logger_of
 from rpms_ros.nodes.common.operator import ButtonPublisher
 from rpms_ros.nodes.common.parameters import NodeParameters, declare_parameters, parameter
-from rpms_ros.nodes.common.qos import drained, second_node, subscribe, warn_of_unused
-from rpms_ros.nodes.common.runner import complete_or_gone, run
+from rpms_ros.nodes.common.qos import drained, second_node, taken_from
+from rpms_ros.nodes.common.runner import NodeOfParts, complete_or_gone, every, run
 
 _Data = TypeVar('_Data', bytes, list[bytes])
-
-SUFFIX = '_watch'
-"""What the name of the second node adds to the page's."""
 
 TYPES: dict[str, tuple[str, type, float]] = {
     shown.FORCE: (topics.FORCE, WrenchStamped, 0.5),
@@ -94,12 +89,11 @@ class LiveListener:
     def __init__(
         self, node: Node, session: LiveSession, axis: Axis, quantity: str = FORCE
     ) -> None:
-        self._page, self._session = node, session
+        self._session = session
         self._axis, self._quantity = axis, quantity
-        self._node = second_node(node, SUFFIX)
+        self._node = second_node(node)
         with complete_or_gone(self._node):
             self._subscriptions = {key: self._subscription(key) for key in TYPES}
-        warn_of_unused(node)
         self._unread: list[bytes] = []
         self._next_estimate = -math.inf
 
@@ -134,9 +128,7 @@ class LiveListener:
 
     def _subscription(self, key: str) -> Subscription:
         _, kind, _ = TYPES[key]
-        name = self._session.topics[key].name
-        # overrides of the quality of service are parameters of the page
-        return subscribe(self._page, self._node, kind, name, qos.VIEW)
+        return taken_from(self._node, kind, self._session.topics[key].name, qos.VIEW)
 
     def _heard(self, key: str, now: float) -> list[bytes]:
         found = [taken.data for taken in drained(self._subscriptions[key])]
@@ -177,26 +169,6 @@ def _message(data: bytes, kind: Any) -> Any:
         ) from error
 
 
-def live_health(session: LiveSession, browsers: int, now: float) -> Health:
-    """Return how a live page is at `now` [s], of a steady clock.
-
-    Stale while no force comes, a warning while a stop that was pressed is not confirmed or a topic
-    has messages that cannot be shown, ok otherwise.
-    """
-    level, text = DiagnosticStatus.OK, 'showing'
-    refused = [topic.name for topic in session.topics.values() if topic.refused]
-    if session.topics[shown.FORCE].state(now) in (NEVER, SILENT):
-        level, text = DiagnosticStatus.STALE, 'no force'
-    if refused:
-        level, text = DiagnosticStatus.WARN, f'cannot show all of {", ".join(refused)}'
-    if session.stop_pressed and not session.confirms_stop(now):
-        level, text = DiagnosticStatus.WARN, 'stop pressed, not confirmed by the driver'
-    figures: dict[str, object] = {'browsers': browsers, 'driver': session.state or 'not heard'}
-    for topic in session.topics.values():
-        figures[f'{topic.name} [Hz]'] = f'{topic.rate(now):.1f}'
-    return Health(text, level, figures)
-
-
 _LOOK_S = 0.02
 _REPEAT_S = 0.1
 # How long "released" is said before the button leaves: longer than a driver needs to hear it.
@@ -232,8 +204,7 @@ class LiveStop:
         self._told = ''
         self._button: ButtonPublisher | None = None
         self._client = node.create_client(Trigger, topics.EMERGENCY_STOP)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        node.create_timer(_LOOK_S, self._look, clock=steady)
+        every(node, _LOOK_S, self._look)
 
     def press(self) -> None:
         """Stop the driver at once, and keep the stop pressed."""
@@ -321,7 +292,7 @@ class LivePageParameters(NodeParameters):
     )
 
 
-class LivePage(Node):
+class LivePage(NodeOfParts):
     """The live page; keyword arguments go to `rclpy.node.Node`.
 
     Parameters
@@ -343,14 +314,13 @@ class LivePage(Node):
     settings_type = LivePageParameters
 
     def __init__(self, token: str = '', **options: Any) -> None:
+        self._token = token
         super().__init__('live_page', **options)
-        with complete_or_gone(self) as self._parts:
-            self._build(token)
 
-    def _build(self, token: str) -> None:
-        """Make the parts of the node, each after those that it depends on."""
+    def _build(self) -> None:
         self.settings = settings = declare_parameters(self, LivePageParameters)
         axis = messages.axis_of(settings.axis)
+        token = self._token
         if settings.token_file and not token:
             token = token_of(Path(settings.token_file).expanduser())
         access = Access(token, settings.names)
@@ -366,28 +336,20 @@ class LivePage(Node):
             self.stop = LiveStop(
                 self, lambda: self.session.confirms_stop(time.monotonic()), self._tell
             )
-        self._health: Health | None = None
         self.listener = LiveListener(self, self.session, axis, settings.quantity)
         self._parts.callback(self.listener.close)
         place = settings.address, settings.port
         self.server = LiveServer(self.session, self.listener.listen, access, self.stop, *place)
         self._parts.callback(self.server.close)
         warm_up()
-        self._diagnostics = DiagnosticsPublisher(self, 'live page', self.server.url)
         self.server.start()
         self._look()
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(PERIOD_S, self._look, clock=steady)
+        every(self, PERIOD_S, self._look)
         does = 'its stop needs the token' if token else 'it only shows'
         logger_of(self).info(f'{self.server.url} shows {self.get_namespace()}; {does}')
 
-    def destroy_node(self) -> None:
-        """End the server, then the node."""
-        self._parts.close()
-        Node.destroy_node(self)
-
     def _look(self) -> None:
-        """Look at the graph, and at the server, once a second; say how the page is."""
+        """Look at the graph, and at the server, once a second."""
         if self.server.failure is not None:
             raise NodeError(f'expected the page to be served, got {self.server.failure!r}')
         found = self.listener.publishers()
@@ -395,12 +357,9 @@ class LivePage(Node):
         def take_over() -> None:
             for key, publishers in found.items():
                 self.session.topics[key].publishers = publishers
-            # the session belongs to the thread of the server
-            self._health = live_health(self.session, len(self.server.browsers), time.monotonic())
 
+        # the session belongs to the thread of the server
         self.server.call(take_over)
-        if self._health is not None:
-            self._diagnostics.publish(self._health)
 
     def _tell(self, pressed: bool, text: str) -> None:
         self.server.call(lambda: self.session.stop(pressed, text))

@@ -15,8 +15,6 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
-from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 from rclpy.task import Future
 from sensor_msgs.msg import Joy
 from std_srvs.srv import Trigger
@@ -33,7 +31,7 @@ from rpms_ros.nodes.common.operator import (
     tell_health,
 )
 from rpms_ros.nodes.common.parameters import NodeParameters, declare_parameters, parameter
-from rpms_ros.nodes.common.runner import complete_or_gone, run
+from rpms_ros.nodes.common.runner import NodeOfParts, every, run
 from rpms_ros.stimulation import load_schedule
 from rpms_ros.stimulation.driver.stop_buttons import HeldKey, JoystickButton
 
@@ -65,7 +63,7 @@ class ConsoleParameters(NodeParameters):
             raise NodeError('expected the name of the operator, got none')
 
 
-class OperatorConsole(Node):
+class OperatorConsole(NodeOfParts):
     """The console; keyword arguments go to `rclpy.node.Node`.
 
     Parameters
@@ -82,16 +80,14 @@ class OperatorConsole(Node):
     settings_type = ConsoleParameters
 
     def __init__(self, keyboard: Keyboard | None = None, **options: Any) -> None:
+        self._given = keyboard
         super().__init__('operator_console', **options)
-        with complete_or_gone(self) as self._parts:
-            self._build(keyboard)
 
-    def _build(self, keyboard: Keyboard | None) -> None:
-        """Make the parts of the node, each after those that it depends on."""
+    def _build(self) -> None:
         self.settings = declare_parameters(self, ConsoleParameters)
         file = self.settings.schedule_file
         self._schedule = load_schedule(Path(file).expanduser()) if file else None
-        self._keyboard = Keyboard() if keyboard is None else keyboard
+        self._keyboard = self._given or Keyboard()
         self._parts.callback(self._keyboard.close)
         if not self._keyboard.there:
             raise NodeError('expected a terminal to read keys from, got none')
@@ -110,15 +106,10 @@ class OperatorConsole(Node):
         self._shown = ''
         hear = self.create_subscription
         hear(DriverStatus, topics.DRIVER_STATUS, self._on_status, qos.STATUS_LATEST)
-        self.create_timer(_LOOK_S, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        every(self, _LOOK_S, self._look)
         tell_health(self, 'operator', 'terminal', self._health)
         keys = f'{ASK} asks for a token, hold {ENABLE} to arm and run, {RELEASE} resets'
         logger_of(self).info(f'{keys}, any other key stops')
-
-    def destroy_node(self) -> None:
-        """Restore the settings of the terminal."""
-        self._parts.close()
-        Node.destroy_node(self)
 
     def _look(self) -> None:
         now_ns = time.monotonic_ns()

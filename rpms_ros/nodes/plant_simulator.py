@@ -8,15 +8,11 @@ tick delays samples but does not lose them or change their stamps.
 """
 
 import dataclasses
-import time
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
-from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 
 from rpms_msgs.msg import MuscleTruth, Pulse as PulseMessage
 from rpms_ros import estimate_messages, messages
@@ -27,14 +23,10 @@ from rpms_ros.muscle.scenario import Scenario, load_scenario
 from rpms_ros.muscle.simulation import SampledPlant, Surroundings
 from rpms_ros.nodes.common import qos, topics
 from rpms_ros.nodes.common.diagnostics import (
-    PERIOD_S,
-    DiagnosticsPublisher,
-    Health,
-    RecentChange,
     logger_of,
 )
 from rpms_ros.nodes.common.parameters import NodeParameters, declare_parameters, parameter
-from rpms_ros.nodes.common.runner import complete_or_gone, run
+from rpms_ros.nodes.common.runner import NodeOfParts, every, run
 from rpms_ros.nodes.common.topics import MESSAGE_TYPES
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, Pulse, nanoseconds
 
@@ -124,36 +116,27 @@ _FASTEST_TICK = 1000.0
 _LARGEST_BURST = 500
 
 
-class PlantSimulator(Node):
+class PlantSimulator(NodeOfParts):
     """Simulated muscle; keyword arguments go to `rclpy.node.Node`."""
 
     settings_type = PlantParameters
 
     def __init__(self, **options: Any) -> None:
         super().__init__('plant_simulator', **options)
-        with complete_or_gone(self):
-            self._build()
 
     def _build(self) -> None:
-        """Make the parts of the node, each after those that it depends on."""
         self.settings = declare_parameters(self, PlantParameters)
         _warm_up(self.settings)
         self.plant = build_plant(self.settings)
         self._begun = False
-        self._recent = RecentChange()
         self._axis = messages.AXES[self.settings.axis]
         self._force = self.create_publisher(WrenchStamped, topics.FORCE, qos.FORCE)
         self._truth = self.create_publisher(MuscleTruth, topics.TRUTH, qos.TRUTH)
         self._next_truth_ns = 0
-        self._diagnostics = DiagnosticsPublisher(
-            self, 'simulation', f'simulated muscle {self.get_fully_qualified_name()}'
-        )
         self.create_subscription(PulseMessage, topics.PULSES, self._on_pulse, qos.PULSES)
         self._delay_ns = nanoseconds(self.settings.publication_delay)
         period = 1.0 / min(self.settings.rate, _FASTEST_TICK)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(period, self._tick, clock=steady)
-        self.create_timer(PERIOD_S, self._report, clock=steady)
+        every(self, period, self._tick)
         settings = self.settings
         measured = f'{settings.quantity} [{UNITS[settings.quantity]}] along {settings.axis}'
         logger_of(self).info(
@@ -192,21 +175,6 @@ class PlantSimulator(Node):
             self._truth.publish(
                 estimate_messages.truth_message(self.plant.truth(), MESSAGE_TYPES, _FRAME)
             )
-
-    def _report(self) -> None:
-        """Publish the health of the simulator: a warning for ten seconds after a faulty pulse."""
-        faults = dict(self.plant.faults)
-        recent = self._recent.seen(sum(faults.values()), time.monotonic_ns())
-        figures = {
-            'subject': self.settings.subject,
-            'newest sample [ns]': self.plant.newest_ns if self._begun else 'none',
-            **{f'fault {fault}': count for fault, count in faults.items()},
-        }
-        said = 'simulating' if self._begun else 'waits for subscribers of the force'
-        level = DiagnosticStatus.WARN if recent else DiagnosticStatus.OK
-        self._diagnostics.publish(
-            Health(f'{said}; a pulse was wrong or late' if recent else said, level, figures)
-        )
 
 
 def _warm_up(settings: PlantParameters) -> None:

@@ -22,10 +22,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
-from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.subscription import Subscription
+from rclpy.qos import QoSProfile
 from rosbags.interfaces import (
     Qos,
     QosDurability,
@@ -40,22 +37,12 @@ from rpms_ros.errors import NodeError, RecordingError
 from rpms_ros.nodes.common import qos, topics
 from rpms_ros.nodes.common.diagnostics import PERIOD_S, DiagnosticsPublisher, Health, logger_of
 from rpms_ros.nodes.common.parameters import NodeParameters, declare_parameters, parameter
-from rpms_ros.nodes.common.qos import (
-    Taken,
-    drained,
-    second_node,
-    subscribe,
-    taken_from,
-    warn_of_unused,
-)
-from rpms_ros.nodes.common.runner import complete_or_gone, run
+from rpms_ros.nodes.common.qos import Ear, second_node
+from rpms_ros.nodes.common.runner import NodeOfParts, every, run
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.recording import RecordingWriter
 from rpms_ros.recording.rosbag.metadata import read_key
 from rpms_ros.recording.rosbag.verifying import LOST_KEY, PUBLISHERS_KEY
-
-SUFFIX = '_hearing'
-"""Suffix of the name of the second node."""
 
 LEAST_ROOM = 1_000_000_000
 """Free bytes below which a session of an hour may not fit on the disk."""
@@ -148,36 +135,25 @@ class _Topic:
 
     name: str
     kind: Any
-    reliable: Subscription | None
-    best_effort: Subscription | None
-    alone: bool
-    """Whether it is published best effort only."""
+    ear: Ear
     number: int | None = None
     """In the recording, once a message has come."""
     most_publishers: int = 0
     lost: int = 0
     newest: int | None = None
 
-    def taken(self) -> list[Taken]:
-        """Return what has come; both subscriptions receive from reliable publishers."""
-        reliable, best_effort = drained(self.reliable), drained(self.best_effort)
-        return [*reliable, *best_effort] if self.alone else reliable
 
-
-class Recorder(Node):
+class Recorder(NodeOfParts):
     """Recorder of a session; keyword arguments go to `rclpy.node.Node`."""
 
     settings_type = RecorderParameters
 
     def __init__(self, **options: Any) -> None:
         super().__init__('recorder', **options)
-        with complete_or_gone(self) as self._parts:
-            self._build()
 
     def _build(self) -> None:
-        """Make the parts of the node, each after those that it depends on."""
         self.settings = declare_parameters(self, RecorderParameters)
-        self._node = second_node(self, SUFFIX)
+        self._node = second_node(self)
         self._parts.callback(self._node.destroy_node)
         try:
             self._writer = self._opened()
@@ -194,15 +170,10 @@ class Recorder(Node):
         )
         for name in self.counts:
             kind, profile = _TOPICS[name]
-            heard = subscribe(self, self._node, kind, name, profile)
-            alone = heard.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT
-            reliable, best_effort = (None, heard) if alone else (heard, None)
-            self._topics[name] = _Topic(name, kind, reliable, best_effort, alone)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(_LISTENING_PERIOD, self._take, clock=steady)
-        self.create_timer(FLUSH_PERIOD_S, self._flush, clock=steady)
-        self.create_timer(PERIOD_S, self._report, clock=steady)
-        warn_of_unused(self)
+            self._topics[name] = _Topic(name, kind, Ear(self, self._node, kind, name, profile))
+        every(self, _LISTENING_PERIOD, self._take)
+        every(self, FLUSH_PERIOD_S, self._flush)
+        every(self, PERIOD_S, self._report)
         names = ', '.join(self.resolve_topic_name(name) for name in self.counts)
         logger_of(self).info(f'recording to {self.path}: {names}')
 
@@ -232,7 +203,7 @@ class Recorder(Node):
         found: list[tuple[int, int, _Topic, bytes]] = []
         for topic in self._topics.values():
             arrived_ns = 0
-            for taken in topic.taken():
+            for taken in topic.ear.taken():
                 self._count_lost(topic, taken.sequence)
                 received_ns = taken.received_ns or time.time_ns()
                 # A clock that is set back must not change the order within a topic.
@@ -266,17 +237,10 @@ class Recorder(Node):
     def _hear_best_effort(self) -> None:
         """Subscribe best effort to topics that a reliable subscription does not receive."""
         for topic in self._topics.values():
-            name = self.resolve_topic_name(topic.name)
-            if topic.reliable is None:
-                continue
-            infos = self.get_publishers_info_by_topic(name)
-            topic.alone = bool(infos) and all(
-                one.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT for one in infos
-            )
-            if topic.alone and topic.best_effort is None:
-                topic.best_effort = taken_from(self._node, topic.kind, name, qos.VIEW)
+            if topic.ear.look():
                 logger_of(self).warning(
-                    f'{name} is published best effort: it is recorded, and messages may be lost'
+                    f'{topic.ear.name} is published best effort: it is recorded, and messages may '
+                    'be lost'
                 )
 
     def _report(self) -> None:
@@ -323,11 +287,6 @@ class Recorder(Node):
             logger_of(self).error(str(error))
             return
         logger_of(self).info(f'closed {self.path}: {sum(self.counts.values())} messages')
-
-    def destroy_node(self) -> None:
-        """Close the recording, then destroy the node."""
-        self._parts.close()
-        super().destroy_node()  # type: ignore[no-untyped-call]
 
 
 def main() -> int:

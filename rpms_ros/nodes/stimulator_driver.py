@@ -22,7 +22,6 @@ from geometry_msgs.msg import WrenchStamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -34,7 +33,7 @@ from rpms_ros.errors import NodeError, RpmsError, StimulationError
 from rpms_ros.nodes.common import qos, topics
 from rpms_ros.nodes.common.diagnostics import logger_of, plain_text
 from rpms_ros.nodes.common.parameters import declare_parameters, follow_parameters
-from rpms_ros.nodes.common.runner import complete_or_gone, run, stay_on_this_machine
+from rpms_ros.nodes.common.runner import complete_or_gone, every, run, stay_on_this_machine
 from rpms_ros.nodes.common.topics import MESSAGE_TYPES
 from rpms_ros.nodes.driver.goals import AUDIT, ScheduleAction
 from rpms_ros.nodes.driver.parameters import (
@@ -221,9 +220,8 @@ class StimulatorDriver(GuardedLifecycleNode):
             )
         self.create_service(Trigger, topics.RESET_EMERGENCY_STOP, self._on_reset)
         follow_parameters(self, settings, self._on_bound, self._allow_bound)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(_SIGN_S, lambda: self.controller.seen(EXECUTOR), clock=steady)
-        self.create_timer(_TICK_S, self._guarded_tick, clock=steady)
+        every(self, _SIGN_S, lambda: self.controller.seen(EXECUTOR))
+        every(self, _TICK_S, self._guarded_tick)
         # a bound method, which rclpy holds weakly
         self.context.on_shutdown(self._on_context_shutdown)
 

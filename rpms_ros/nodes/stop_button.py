@@ -9,8 +9,6 @@ import time
 from dataclasses import dataclass
 from typing import Any
 
-from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 from sensor_msgs.msg import Joy
 
 from rpms_ros.errors import NodeError
@@ -23,7 +21,7 @@ from rpms_ros.nodes.common.operator import (
     tell_health,
 )
 from rpms_ros.nodes.common.parameters import NodeParameters, declare_parameters, parameter
-from rpms_ros.nodes.common.runner import complete_or_gone, run
+from rpms_ros.nodes.common.runner import NodeOfParts, every, run
 from rpms_ros.stimulation.driver.stop_buttons import JoystickButton
 
 RELEASE = 'r'
@@ -48,7 +46,7 @@ class StopButtonParameters(NodeParameters):
             raise NodeError('expected a keyboard or a joy_button, got neither')
 
 
-class StopButton(Node):
+class StopButton(NodeOfParts):
     """A stop button; keyword arguments go to `rclpy.node.Node`.
 
     Parameters
@@ -60,14 +58,11 @@ class StopButton(Node):
     settings_type = StopButtonParameters
 
     def __init__(self, keyboard: Keyboard | None = None, **options: Any) -> None:
-        super().__init__('stop_button', **options)
-        with complete_or_gone(self) as self._parts:
-            self._build(keyboard)
-
-    def _build(self, keyboard: Keyboard | None) -> None:
-        """Make the parts of the node, each after those that it depends on."""
-        self.settings = declare_parameters(self, StopButtonParameters)
         self._keyboard = keyboard
+        super().__init__('stop_button', **options)
+
+    def _build(self) -> None:
+        self.settings = declare_parameters(self, StopButtonParameters)
         if self.settings.keyboard and self._keyboard is None:
             self._keyboard = Keyboard()
         if self._keyboard is not None:
@@ -77,16 +72,11 @@ class StopButton(Node):
             self.create_subscription(Joy, topics.JOY, self._on_joy, qos.JOYSTICK)
         self._key_pressed = self._keyboard is not None and not self._keyboard.there
         self.button = ButtonPublisher(self, self._wanted())
-        self.create_timer(_LOOK_S, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        every(self, _LOOK_S, self._look)
         inputs = ['terminal'] if self._keyboard is not None else []
         inputs += ['joystick'] if self._joystick.used else []
         tell_health(self, 'stop button', ' and '.join(inputs), self._health)
         logger_of(self).info(f'any key presses, {RELEASE} releases: {self._word()}')
-
-    def destroy_node(self) -> None:
-        """Restore the settings of the terminal."""
-        self._parts.close()
-        Node.destroy_node(self)
 
     def _look(self) -> None:
         for key in self._keyboard.read() if self._keyboard is not None else '':

@@ -1,14 +1,12 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Diagnostics of every node: one status a task, names that do not collide, warnings that clear."""
+"""Diagnostics of nodes: one status a task, names that do not collide, warnings that clear."""
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
 from rpms_ros.nodes.identifier import Identifier
-from rpms_ros.nodes.live_page import LivePage
-from rpms_ros.nodes.plant_simulator import PlantSimulator
 from rpms_ros.nodes.recorder import Recorder
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 
@@ -26,23 +24,22 @@ class Listener:
 
 
 @pytest.mark.long
-def test_two_legs_have_ten_statuses_of_different_names_and_hardware(graph, tmp_path):
+def test_two_legs_have_six_statuses_of_different_names_and_hardware(graph, tmp_path):
     listener = Listener(graph)
     for leg in ('left', 'right'):
-        for kind in (PlantSimulator, StimulatorDriver, Identifier):
+        for kind in (StimulatorDriver, Identifier):
             graph.add(lambda kind=kind, leg=leg, **options: kind(namespace=leg, **options))
         graph.add(
             lambda leg=leg, **options: Recorder(namespace=leg, **options), path=str(tmp_path / leg)
         )
-        graph.add(lambda leg=leg, **options: LivePage(namespace=leg, **options), port=0)
-    graph.wait_for(lambda: len(listener.newest) == 10)
-    tasks = ('simulation', 'stimulator', 'identification', 'recording', 'live page')
-    nodes = ('plant_simulator', 'stimulator_driver', 'identifier', 'recorder', 'live_page')
+    graph.wait_for(lambda: len(listener.newest) == 6)
+    tasks = ('stimulator', 'identification', 'recording')
+    nodes = ('stimulator_driver', 'identifier', 'recorder')
     assert set(listener.newest) == {
         f'/{leg}/{node}: {task}'
         for leg in ('left', 'right')
         for node, task in zip(nodes, tasks, strict=True)
     }
     hardware = {status.hardware_id for status in listener.newest.values()}
-    assert len(hardware) == 10
+    assert len(hardware) == 6
     assert all(hardware)

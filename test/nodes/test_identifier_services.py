@@ -141,16 +141,6 @@ def test_a_torque_is_said_to_be_one(graph) -> None:
     assert sensor.estimates[-1].samples > 500
 
 
-def test_who_is_told_of_a_best_effort_sensor_hears_it_once(graph) -> None:
-    node = graph.add(lambda **options: Node('sensor', **options))
-    forces = node.create_publisher(WrenchStamped, 'force', qos.FORCE_BEST_EFFORT)
-    told = {'qos_overrides./force.subscription.reliability': 'best_effort'}
-    identifier = graph.add(Identifier, **told)
-    graph.wait_for(lambda: forces.get_subscription_count() == 1)
-    graph.wait_for(lambda: identifier._senders.best_effort_alone)
-    assert forces.get_subscription_count() == 1
-
-
 class Keeper(Sensor):
     """A sensor that also asks for states."""
 

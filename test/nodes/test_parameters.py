@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters as one dataclass, their files, quality of service, and nodes that are refused."""
+"""Parameters as one dataclass, their files, and nodes that are refused."""
 
 import threading
 from dataclasses import dataclass
@@ -11,10 +11,8 @@ import yaml
 from rcl_interfaces.msg import ParameterType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import ReliabilityPolicy
 
 from rpms_ros.errors import NodeError, RpmsError
-from rpms_ros.nodes.common import qos
 from rpms_ros.nodes.common.parameters import (
     NodeParameters,
     declare_parameters,
@@ -48,8 +46,6 @@ FILES = {
     'recorder': RecorderParameters,
     'live_page': LivePageParameters,
 }
-RELIABILITY = 'qos_overrides./force.subscription.reliability'
-DEPTH = 'qos_overrides./force.subscription.depth'
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -80,17 +76,6 @@ def declare(context, **values):
 class Names(NodeParameters):
     names: tuple[str, ...] = parameter((), 'Names.')
     words: tuple[str, ...] = parameter(('a',), 'Words.')
-
-
-def built(kind, tmp_path):
-    """Return how a node is made, a recorder with a folder of its own."""
-    if kind is Identifier:
-        return Identifier
-    if kind is LivePage:
-        return lambda **options: LivePage(cli_args=['--ros-args', '-p', 'port:=0'], **options)
-    path = [f'path:={tmp_path / "session"}']
-    arguments = [part for value in path for part in ('-p', value)]
-    return lambda **options: Recorder(cli_args=['--ros-args', *arguments], **options)
 
 
 class _NoTerminal:
@@ -264,41 +249,15 @@ def test_a_text_that_ros_reads_as_something_else_is_to_be_quoted(context, word):
     assert declared(f"path:='{word}'") == RecorderParameters(path=word)
 
 
-@pytest.mark.parametrize('kind', [Identifier, Recorder, LivePage])
-def test_a_user_may_replace_the_quality_of_the_force(graph, tmp_path, capfd, kind):
-    node = graph.add(
-        built(kind, tmp_path),
-        **{
-            RELIABILITY: 'best_effort',
-            'qos_overrides./force.subscription.depth': 7,
-            'qos_overrides./forse.subscription.depth': 7,
-        },
-    )
-    (info,) = node.get_subscriptions_info_by_topic('/force')
-    assert info.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT
-    assert node.get_parameter('qos_overrides./force.subscription.depth').value == 7
-    # the profile that other nodes of this process take is as it was
-    assert qos.FORCE.reliability is ReliabilityPolicy.RELIABLE
-    assert qos.FORCE.depth == 5000
-    said = ''.join(capfd.readouterr())
-    assert 'qos_overrides./forse.subscription.depth fits no topic of this node' in said
-    assert said.count('fits no topic') == 1
-
-
-# rclpy warns of a depth of zero, too
-@pytest.mark.filterwarnings('ignore:A zero depth')
 @pytest.mark.parametrize(
     ('kind', 'parameters', 'message'),
     [
         (Identifier, {'estimator': 'guess'}, 'estimator'),
         (Identifier, {'state_folder': '/no/such'}, 'expected a folder'),
-        (Identifier, {DEPTH: 0}, 'expected a depth of 1'),
         (PlantSimulator, {'rate': -1.0}, 'rate'),
         (Recorder, {'topics': ['tape']}, 'topics'),
         (Recorder, {'path': '/proc/no/such'}, 'expected'),
-        (Recorder, {DEPTH: 0}, 'expected a depth of 1'),
         (LivePage, {'address': 'no such address'}, 'address'),
-        (LivePage, {DEPTH: 0}, 'expected a depth of 1'),
         (StimulatorDriver, {'maximum_intensity': 2.0}, 'maximum_intensity'),
         (StimulatorDriver, {'audit_log': '/proc/no/such'}, 'expected'),
         (StopButton, {'keyboard': False}, 'expected a keyboard or a joy_button'),

@@ -10,7 +10,6 @@ from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.node import Node
 
 from rpms_ros.nodes.common import topics
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 
 
 def logger_of(node: Node) -> RcutilsLogger:
@@ -30,7 +29,6 @@ def plain_text(text: object) -> str:
 
 PERIOD_S = 1.0
 """Time between two messages of a node."""
-_REMEMBERED_NS = 10 * NANOSECONDS_PER_SECOND
 
 
 @dataclass(frozen=True)
@@ -86,17 +84,3 @@ class DiagnosticsPublisher:
         array = DiagnosticArray(status=[status])
         array.header.stamp = self._clock.now().to_msg()
         self._publisher.publish(array)
-
-
-class RecentChange:
-    """Remembers for ten seconds that a number has changed."""
-
-    def __init__(self) -> None:
-        self._value: object = 0
-        self._changed_ns: int | None = None
-
-    def seen(self, value: object, now_ns: int) -> bool:
-        """Return whether the value is another one than it was within the last ten seconds."""
-        if value != self._value:
-            self._value, self._changed_ns = value, now_ns
-        return self._changed_ns is not None and now_ns - self._changed_ns < _REMEMBERED_NS

@@ -14,7 +14,6 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.action import ActionClient
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.task import Future
 from std_msgs.msg import Bool
@@ -25,6 +24,7 @@ from rpms_msgs.srv import ConfirmArming, RequestArming
 from rpms_ros import messages
 from rpms_ros.nodes.common import qos, topics
 from rpms_ros.nodes.common.diagnostics import PERIOD_S, DiagnosticsPublisher, Health
+from rpms_ros.nodes.common.runner import every
 from rpms_ros.nodes.common.topics import MESSAGE_TYPES
 from rpms_ros.schedule_messages import schedule_message
 from rpms_ros.stimulation import Schedule
@@ -101,8 +101,7 @@ class OperatorClient:
         self._request = node.create_client(RequestArming, topics.REQUEST_ARMING)
         self._confirm = node.create_client(ConfirmArming, topics.CONFIRM_ARMING)
         self.goals = ActionClient(node, RunSchedule, topics.RUN_SCHEDULE)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.timer = node.create_timer(1.0 / RATE, self.beat, clock=steady)
+        self.timer = every(node, 1.0 / RATE, self.beat)
 
     @property
     def ready(self) -> bool:
@@ -176,8 +175,7 @@ class ButtonPublisher:
     def __init__(self, node: Node, pressed: bool = False) -> None:
         self._node, self._pressed, self._left = node, pressed, False
         self._publisher = node.create_publisher(Bool, topics.EMERGENCY_STOP, qos.STOP_STATE)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.timer = node.create_timer(1.0 / RATE, self.say, clock=steady)
+        self.timer = every(node, 1.0 / RATE, self.say)
 
     @property
     def pressed(self) -> bool:
@@ -237,5 +235,4 @@ def tell_health(node: Node, task: str, hardware: str, health: Callable[[], Healt
     """Publish once a second how a node is; of which node the hardware is, is said too."""
     named = f'{hardware} of {node.get_fully_qualified_name()}'
     publisher = DiagnosticsPublisher(node, task, named)
-    steady = Clock(clock_type=ClockType.STEADY_TIME)
-    node.create_timer(PERIOD_S, lambda: publisher.publish(health()), clock=steady)
+    every(node, PERIOD_S, lambda: publisher.publish(health()))

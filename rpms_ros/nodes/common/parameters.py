@@ -239,7 +239,7 @@ def _warn_of_unknown(node: Node, given: dict[str, Parameter], known: list[str]) 
     """Warn of unknown names; raise `NodeError` for one that is much like a `known` one."""
     for name in given:
         # A file may hold parameters of several nodes, so this alone is not an error.
-        if node.has_parameter(name) or name.startswith('qos_overrides.'):
+        if node.has_parameter(name):
             continue
         for meant in difflib.get_close_matches(name, known, 1, _ALIKE):
             raise NodeError(f'expected a parameter of {node.get_name()} as {meant}, got {name}')

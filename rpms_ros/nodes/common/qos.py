@@ -4,32 +4,13 @@
 
 Data is reliable and volatile: no sample is skipped, and a late subscriber does not get a part of
 earlier samples.  The depths are for a receiver that stalls, not for one that is always too slow.
-
-Subscriptions of a second node, from which messages are taken without an executor, and whose
-quality of service `qos_overrides` may replace::
-
-    qos_overrides:
-      /left_leg/force:
-        subscription: {reliability: best_effort, depth: 100}
 """
 
-from copy import copy
 from typing import Any, NamedTuple
 
-from rcl_interfaces.msg import SetParametersResult
-from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import (
-    InvalidQosOverridesError,
-    QoSOverridingOptions,
-    _declare_qos_parameters,
-)
 from rclpy.subscription import Subscription
-
-from rpms_ros.errors import NodeError
-from rpms_ros.nodes.common.diagnostics import logger_of
 
 
 def _profile(
@@ -98,10 +79,7 @@ TRUTH = _profile(100)
 """True state of a simulated muscle."""
 
 
-PREFIX = 'qos_overrides.'
-
-
-def second_node(node: Node, suffix: str) -> Node:
+def second_node(node: Node, suffix: str = '_hearing') -> Node:
     """Return a node of the same context and namespace that no executor and no service knows.
 
     What its subscriptions get is taken from them with `drained`.
@@ -123,62 +101,9 @@ def second_node(node: Node, suffix: str) -> Node:
     )
 
 
-def subscribe(
-    named: Node, hearing: Node, kind: Any, topic: str, profile: QoSProfile
-) -> Subscription:
-    """Create a subscription of one node with the quality of service of another one's parameters.
-
-    No other subscription is made meanwhile, so a publisher that finds a subscription has found
-    the one that receives its messages.
-
-    Parameters
-    ----------
-    named : Node
-        Node with the parameters and the remappings of topics.
-    hearing : Node
-        Node that owns the subscription; it is in no executor.
-    kind : type
-        Message class.
-    topic : str
-        Name of the topic, relative to the first node.
-    profile : QoSProfile
-        Quality of service without parameters.
-
-    Raises
-    ------
-    NodeError
-        If the parameters are no quality of service.
-    """
-    name = named.resolve_topic_name(topic)
-    options = QoSOverridingOptions.with_default_policies(callback=_judged)
-    # rclpy writes the values of the parameters into the given profile
-    chosen = copy(profile)
-    try:
-        _declare_qos_parameters(Subscription, named, name, chosen, options)
-        return taken_from(hearing, kind, name, chosen)
-    except (InvalidParameterTypeException, InvalidQosOverridesError, RuntimeError) as error:
-        raise NodeError(
-            f'expected {PREFIX}{name} with a quality of service, got {error}'
-        ) from error
-
-
 def taken_from(node: Node, kind: Any, name: str, profile: QoSProfile) -> Subscription:
     """Create a subscription whose messages are taken with `drained`."""
     return node.create_subscription(kind, name, _served_by_nobody, profile)
-
-
-def warn_of_unused(node: Node) -> None:
-    """Warn of overrides without a topic; to be called after all subscriptions are made."""
-    given: dict[str, Parameter] = getattr(node, '_parameter_overrides', {})
-    for name in given:
-        if name.startswith(PREFIX) and not node.has_parameter(name):
-            logger_of(node).warning(f'parameter {name} fits no topic of this node and is ignored')
-
-
-def _judged(profile: QoSProfile) -> SetParametersResult:
-    fits = profile.depth >= 1
-    reason = '' if fits else f'expected a depth of 1 or more, got {profile.depth}'
-    return SetParametersResult(successful=fits, reason=reason)
 
 
 def _served_by_nobody(_message: Any) -> None:
@@ -213,3 +138,51 @@ def drained(subscription: Subscription | None) -> list[Taken]:
                 Taken(data, about['publication_sequence_number'], about['received_timestamp'])
             )
     return found
+
+
+class Ear:
+    """Hears a topic reliably, and best effort where nobody publishes it otherwise.
+
+    Parameters
+    ----------
+    named : Node
+        Node with the remappings of topics.
+    hearing : Node
+        Node that owns the subscriptions; it is in no executor.
+    kind : type
+        Message class.
+    topic : str
+        Name of the topic, relative to the first node.
+    profile : QoSProfile
+        Reliable quality of service.
+
+    Attributes
+    ----------
+    name : str
+        Whole name of the topic.
+    """
+
+    def __init__(
+        self, named: Node, hearing: Node, kind: Any, topic: str, profile: QoSProfile
+    ) -> None:
+        self.name = named.resolve_topic_name(topic)
+        self._hearing, self._kind = hearing, kind
+        self._reliable = taken_from(hearing, kind, self.name, profile)
+        self._best_effort: Subscription | None = None
+        self._alone = False
+
+    def look(self) -> bool:
+        """Look at the publishers; return whether it is heard best effort from now on."""
+        infos = self._hearing.get_publishers_info_by_topic(self.name)
+        self._alone = bool(infos) and all(
+            one.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT for one in infos
+        )
+        begins = self._alone and self._best_effort is None
+        if begins:
+            self._best_effort = taken_from(self._hearing, self._kind, self.name, VIEW)
+        return begins
+
+    def taken(self) -> list[Taken]:
+        """Return what has come; both subscriptions receive from reliable publishers."""
+        reliable, best_effort = drained(self._reliable), drained(self._best_effort)
+        return reliable + best_effort if self._alone else reliable

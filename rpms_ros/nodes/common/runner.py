@@ -17,6 +17,7 @@ from types import FrameType
 from typing import Any
 
 import rclpy
+from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import NameValidationException
 from rclpy.executors import ExternalShutdownException
 from rclpy.experimental.events_executor import EventsExecutor
@@ -24,6 +25,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.logging import LoggingSeverity
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rclpy.timer import Timer
 from rclpy.utilities import remove_ros_args
 
 from rpms_ros import __version__
@@ -321,13 +323,6 @@ def complete_or_gone(node: Node) -> Iterator[ExitStack]:
         What has to end before the node is destroyed, the newest first; `destroy_node` of the
         node closes it.
 
-    Examples
-    --------
-    ::
-
-        super().__init__('identifier', **options)
-        with complete_or_gone(self) as self._parts:
-            self._build()
     """
     parts = ExitStack()
     try:
@@ -337,3 +332,30 @@ def complete_or_gone(node: Node) -> Iterator[ExitStack]:
         parts.close()
         node.destroy_node()
         raise
+
+
+class NodeOfParts(Node):
+    """A node that is there whole or not at all; keyword arguments go to `rclpy.node.Node`.
+
+    A subclass makes its parts in `_build`, each after those that it depends on; what is put on
+    `_parts` ends before the node is destroyed, the newest first.
+    """
+
+    def __init__(self, name: str, **options: Any) -> None:
+        super().__init__(name, **options)
+        with complete_or_gone(self) as self._parts:
+            self._build()
+
+    def _build(self) -> None:
+        """Make the parts of the node."""
+        raise NotImplementedError
+
+    def destroy_node(self) -> None:
+        """End the parts, then destroy the node."""
+        self._parts.close()
+        Node.destroy_node(self)
+
+
+def every(node: Node, period_s: float, do: Callable[[], object]) -> Timer:
+    """Return a timer of a node [s] by a clock that nobody sets."""
+    return node.create_timer(period_s, do, clock=Clock(clock_type=ClockType.STEADY_TIME))

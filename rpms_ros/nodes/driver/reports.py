@@ -27,7 +27,6 @@ from rpms_ros.nodes.common import qos, topics
 from rpms_ros.nodes.common.diagnostics import (
     DiagnosticsPublisher,
     Health,
-    RecentChange,
     logger_of,
     plain_text,
 )
@@ -278,7 +277,7 @@ class DriverAudit:
 _STATUS_PERIOD_NS = 100_000_000
 _DIAGNOSTICS_PERIOD_S = 1.0
 _REFUSED = 'refused: '
-# how long a refusal is shown in the status
+# how long a refusal is shown in the status, and a pulse that was dropped in the diagnostics
 _SHOWN_NS = 10_000_000_000
 # a heartbeat that is refused comes fifty times a second
 _REPEATED_NS = 1_000_000_000
@@ -320,7 +319,8 @@ class DriverReports:
         name = node.get_fully_qualified_name()
         hardware = f'{device} {name}' if device == SIMULATED else device
         self._diagnostics = DiagnosticsPublisher(node, 'stimulator', hardware)
-        self._dropped = RecentChange()
+        # pulses so far, and when the newest was
+        self._dropped, self._dropped_ns = 0, -_SHOWN_NS
         self._note, self._noted_ns = '', 0
         self._next_status_ns = self._next_diagnostics_ns = 0
         self._said: tuple[Any, ...] = ()
@@ -394,7 +394,9 @@ class DriverReports:
             self._status.publish(self._status_message(stamp, now_ns))
         if changed or now_ns >= self._next_diagnostics_ns:
             self._next_diagnostics_ns = now_ns + nanoseconds(_DIAGNOSTICS_PERIOD_S)
-            lately = self._dropped.seen(self._controller.dropped, now_ns)
+            if self._dropped != self._controller.dropped:
+                self._dropped, self._dropped_ns = self._controller.dropped, now_ns
+            lately = now_ns - self._dropped_ns < _SHOWN_NS
             self._diagnostics.publish(driver_health(self._controller, lately, self._note))
 
     def _status_message(self, stamp: Any, now_ns: int) -> DriverStatus:

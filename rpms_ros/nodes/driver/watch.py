@@ -192,8 +192,6 @@ def _joined(namespace: str, name: str) -> str:
 
 WATCH_TIMEOUT_S = 0.1
 """Longest silence of the thread that hears buttons and heartbeat, while armed."""
-SUFFIX = '_watch'
-"""What the name of the second node adds to the driver's."""
 
 _LOOK_MS = 5
 _GRAPH_PERIOD_NS = 100_000_000
@@ -240,7 +238,7 @@ class DriverWatch:
         self._others = ''
         self._lock = threading.Lock()
         self._closing = False
-        self._node = second_node(node, SUFFIX)
+        self._node = second_node(node, '_watch')
         with complete_or_gone(self._node):
             self._live = self._taker(Bool, topics.EMERGENCY_STOP, qos.STOP_LIVE)
             self._kept = self._taker(Bool, topics.EMERGENCY_STOP, qos.STOP_KEPT)
