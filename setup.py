@@ -70,7 +70,6 @@ setup(
     ],
     extras_require={
         'report': ['jinja2>=3.1'],
-        'notebooks': ['pandas'],
         # rpms_msgs comes from msg_defs: pip install ./msg_defs
         'ros': [
             'ros-jazzy-rclpy[fastrtps]==7.1.6; sys_platform == "linux"',

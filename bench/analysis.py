@@ -18,13 +18,13 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
+import rpms_ros
 from rpms_ros.identification.analysis import analyze, analyze_trains
 from rpms_ros.identification.analysis.responses import Response
 from rpms_ros.identification.analysis.twitch_fits import CONSTANT, ONSET, choose_order
 from rpms_ros.muscle import random_subject
 from rpms_ros.muscle.simulation import simulated_force
 from rpms_ros.pulses import PulseTrain
-from rpms_ros.recording.importing import read_csv
 from rpms_ros.stimulation.schedule.protocols import recruitment
 
 FOLDER = Path(os.environ.get('RPMS_RECORDINGS', Path(__file__).parents[2] / 'shared/data'))
@@ -137,7 +137,8 @@ def speed(count):
 
 def rat_response(path):
     """Return the response of a trial."""
-    pulses, trace = read_csv(path, 'Time [s]', 'fGM [N]', 'STIM [ ]')
+    session = rpms_ros.load(path, columns=('Time [s]', 'fGM [N]', 'STIM [ ]'))
+    pulses, trace = session.pulses, session.force
     lag = (trace.stamp_ns - pulses.onset_ns[0]) / 1e9
     onset = (pulses.onset_ns - pulses.onset_ns[0]) / 1e9
     part = (lag >= -0.05) & (lag < onset[-1] + 0.5)

@@ -3,7 +3,7 @@
 """Mutated files of every other kind that the package reads: what comes of them.
 
 Files of laboratories (text, LabChart, MATLAB 5 and 7.3, Excel) into `rpms import`; recordings
-into `rpms export`; checksums, signature and key into `rpms verify`; saved states and
+into `rpms export`; checksums into `rpms verify`; saved states and
 results into `rpms identify --start-from`; history laws, scenarios, device specifications,
 patients, parameter files and audit logs into what reads them.  `bench/hostile_recordings.py` does
 it with recordings, `bench/hostile_texts.py` with schedules.
@@ -56,13 +56,12 @@ MEMORY = 1_000_000_000
 A_PROCESS = 200
 LONGEST_PROCESS = 1200.0
 DOCUMENTED = frozenset({0, 1, 2, 3})
-KEY = b'0123456789abcdef'
 LAW = {'half_level': 3.0, 'facilitation': 0.3, 'time_constant': 25e-3, 'order': 3}
 DOCUMENTS = ('history law', 'scenario', 'device', 'patient', 'audit log')
 NAMES = (
     *FORMATS,
     *DOCUMENTS,
-    *('export to csv', 'export to mat', 'signed'),
+    *('export to csv', 'export to mat', 'checksums'),
     *('state of tracking', 'result of tracking'),
 )
 
@@ -75,10 +74,10 @@ class Kind(NamedTuple):
 
 
 def recording(folder: Path) -> Path:
-    """Write a signed recording of four seconds."""
+    """Write a recording of four seconds."""
     path = folder / 'session'
     muscle = streams.session(1, 4)
-    write_recording(path, muscle.pulses, muscle.forces, key=KEY)
+    write_recording(path, muscle.pulses, muscle.forces)
     return path
 
 
@@ -121,11 +120,8 @@ def kind_of(name: str, folder: Path) -> Kind:
     if name.startswith('export to '):
         to = name.removeprefix('export to ')
         return Kind(files, made(folder, 'export', session, '--to', to))
-    key = folder / 'key'
-    key.write_bytes(KEY)
-    if name == 'signed':
-        signed = tuple(path for path in files if path.name.startswith('SHA256SUMS'))
-        return Kind((*signed, key), lambda: rpms(['verify', str(session), '--key', str(key)]))
+    if name == 'checksums':
+        return Kind((session / 'SHA256SUMS',), lambda: rpms(['verify', str(session)]))
     estimator = name.rpartition(' ')[2]
     identify = ['identify', str(session), '--quiet', '--estimator', estimator]
     state = folder / 'saved'

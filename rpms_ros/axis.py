@@ -7,6 +7,9 @@ A sensor measures a force, or a torque as an isometric dynamometer does; `UNITS`
 
 import math
 from collections.abc import Sequence
+from typing import Any
+
+from rpms_ros.errors import AxisError
 
 Axis = tuple[float, float, float]
 
@@ -26,7 +29,7 @@ def unit_vector(axis: str | Sequence[float]) -> Axis:
 
     Raises
     ------
-    ValueError
+    AxisError
         If it is no direction.
     """
     if isinstance(axis, str) and axis in AXES:
@@ -38,6 +41,15 @@ def unit_vector(axis: str | Sequence[float]) -> Axis:
         vector = ()
     length = math.hypot(*vector) if len(vector) == 3 else 0.0
     if not (math.isfinite(length) and length > 0.0):
-        raise ValueError(f'expected axis x, y, z, -x or three numbers as 0.6,0,0.8, got {axis!r}')
+        raise AxisError(f'expected axis x, y, z, -x or three numbers as 0.6,0,0.8, got {axis!r}')
     x, y, z = (value / length for value in vector)
     return (x, y, z)
+
+
+def along(axis: Axis, components: Sequence[Any]) -> Any:
+    """Return what three components are along an axis; each of them a number or an array.
+
+    Those across it do not count, not even where they are not finite.
+    """
+    first, *others = (share * one for share, one in zip(axis, components, strict=True) if share)
+    return sum(others, first)

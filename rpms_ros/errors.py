@@ -24,6 +24,10 @@ class StimulationError(RpmsError):
     """A pulse, a schedule or a limit is not acceptable."""
 
 
+class AxisError(RpmsError):
+    """An axis of a sensor is no direction."""
+
+
 class IdentificationError(RpmsError):
     """An estimator was given settings or data that it cannot use."""
 

@@ -37,13 +37,26 @@ _NUMBERS = _fields_of(float)
 _COUNTS = _fields_of(int, 'stamp_ns')
 _NAMES = _fields_of(tuple[str, ...])
 _ARRAYS = _fields_of(FloatArray, 'nonlinear_covariance')
-_CURVES = tuple(name for name in _ARRAYS if name.startswith('curve_'))
-_RESPONSES = tuple(name for name in _ARRAYS if name.startswith('response_'))
-_PHYSIOLOGY = tuple(name for name in _ARRAYS if name.startswith('physiology'))
-
-_RATES = tuple(name for name in _ARRAYS if name.startswith('rate'))
-# Arrays that older recordings do not have.
-_YOUNGER = (*_RATES, 'change_ago')
+_CURVES = [name for name in _ARRAYS if name.startswith('curve_')]
+_RESPONSES = [name for name in _ARRAYS if name.startswith('response_')]
+_PHYSIOLOGY = [name for name in _ARRAYS if name.startswith('physiology')]
+_EXACT = {
+    'nonlinear': 'nonlinear_names',
+    'linear': 'linear_names',
+    'fault_counts': 'fault_names',
+    'response_force': 'response_time',
+    'physiology': 'physiology_names',
+    'change_ago': 'change_kinds',
+}
+"""Arrays as long as the one that names their elements."""
+_OR_EMPTY = {
+    'nonlinear_identifiability': 'nonlinear_names',
+    **dict.fromkeys(_CURVES[1:], 'curve_intensity'),
+    **dict.fromkeys(_RESPONSES[2:], 'response_time'),
+    **dict.fromkeys(_PHYSIOLOGY[1:], 'physiology_names'),
+    **dict.fromkeys((name for name in _ARRAYS if name.startswith('rate')), 'rate_names'),
+}
+"""The same, but they may also be empty."""
 
 
 def estimate_message(estimate: Estimate, types: MessageTypes, frame_id: str = '') -> Any:
@@ -128,30 +141,15 @@ def estimate_of(message: Any) -> Estimate:
 
 def _require_lengths(message: Any) -> None:
     """Raise MessageError unless each array is as long as the one that names its elements."""
-    parameters = len(message.nonlinear_names)
-    exact = {
-        'nonlinear': parameters,
-        'linear': len(message.linear_names),
-        'fault_counts': len(message.fault_names),
-        'response_force': len(message.response_time),
-        'physiology': len(message.physiology_names),
-    }
-    optional = {
-        'nonlinear_covariance': parameters**2,
-        'nonlinear_identifiability': parameters,
-        **dict.fromkeys(_CURVES[1:], len(message.curve_intensity)),
-        **dict.fromkeys(_RESPONSES[2:], len(message.response_time)),
-        **dict.fromkeys(_PHYSIOLOGY[1:], len(message.physiology_names)),
-    }
-    younger = {
-        'nonlinear_identifiability': len(_identifiability(message)),
-        **{name: len(getattr(message, name, ())) for name in _YOUNGER},
-    }
-    exact |= {'change_ago': len(getattr(message, 'change_kinds', ()))}
-    optional |= dict.fromkeys(_RATES, len(getattr(message, 'rate_names', ())))
-    for name, length in (exact | optional).items():
-        got = younger[name] if name in younger else len(getattr(message, name))
-        if got != length and not (name in optional and got == 0):
+    covariance = 'nonlinear_covariance'
+    lengths = [(covariance, len(message.nonlinear_covariance), len(message.nonlinear_names) ** 2)]
+    for name, other in (_EXACT | _OR_EMPTY).items():
+        flags = name == 'nonlinear_identifiability'
+        # one that is younger than the recording is not there
+        found = _identifiability(message) if flags else getattr(message, name, ())
+        lengths.append((name, len(found), len(getattr(message, other, ()))))
+    for name, got, length in lengths:
+        if got != length and not (got == 0 and name not in _EXACT):
             raise MessageError(f'expected {length} elements in {name}, got {got}')
 
 

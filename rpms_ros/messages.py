@@ -15,8 +15,7 @@ import struct
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from rpms_ros.axis import AXES as AXES, FORCE, TORQUE, Axis, unit_vector
-from rpms_ros.errors import MessageError
+from rpms_ros.axis import AXES as AXES, FORCE, TORQUE, Axis, along
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, Pulse
 
 MessageTypes = Mapping[str, Callable[..., Any]]
@@ -30,20 +29,6 @@ WRENCH_STAMPED = 'geometry_msgs/msg/WrenchStamped'
 PULSE = 'rpms_msgs/msg/Pulse'
 MUSCLE_ESTIMATE = 'rpms_msgs/msg/MuscleEstimate'
 MUSCLE_TRUTH = 'rpms_msgs/msg/MuscleTruth'
-
-
-def axis_of(text: str) -> Axis:
-    """Return the unit vector of ``x``, ``-z`` or ``0.6,0,0.8``.
-
-    Raises
-    ------
-    MessageError
-        If it is no direction.
-    """
-    try:
-        return unit_vector(text)
-    except ValueError as error:
-        raise MessageError(str(error)) from error
 
 
 def nanoseconds(stamp: Any) -> int:
@@ -102,15 +87,7 @@ def force_of(message: Any, axis: Axis, quantity: str = FORCE) -> tuple[int, floa
     not looked at, so that NaN there does no harm.
     """
     force = getattr(message.wrench, quantity)
-    return nanoseconds(message.header.stamp), _along(axis, (force.x, force.y, force.z))
-
-
-def _along(axis: Axis, vector: tuple[float, float, float]) -> float:
-    parts = [share * component for share, component in zip(axis, vector, strict=True) if share]
-    total = parts[0]
-    for part in parts[1:]:
-        total += part
-    return float(total)
+    return nanoseconds(message.header.stamp), float(along(axis, (force.x, force.y, force.z)))
 
 
 def force_message(

@@ -100,13 +100,12 @@ def read_yaml(text: str) -> Node:
     if len(text) > LARGEST_DOCUMENT:
         fault = f'expected at most {LARGEST_DOCUMENT} characters of YAML, got {len(text)}'
         raise YamlError(1, '', fault)
-    builder = _Builder()
+    reader = _Reader(text)
     try:
-        for event in yaml.parse(text, yaml.SafeLoader):
-            builder.take(event)
+        root = reader.document()
     except yaml.MarkedYAMLError as fault:
         mark = fault.problem_mark or fault.context_mark
-        line = mark.line + 1 if mark is not None else builder.line
+        line = mark.line + 1 if mark is not None else reader.line
         what = ' '.join(part for part in (fault.context, fault.problem) if part)
         raise YamlError(line, '', f'expected a YAML document, got {clipped(what)}') from fault
     except yaml.reader.ReaderError as fault:
@@ -117,10 +116,10 @@ def read_yaml(text: str) -> Node:
         # a character that does not exist, written as an escape, and whatever else the parser
         # stumbles over
         what = clipped(' '.join(str(fault).split()))
-        raise YamlError(builder.line, '', f'expected a YAML document, got {what}') from fault
-    if builder.root is None:
+        raise YamlError(reader.line, '', f'expected a YAML document, got {what}') from fault
+    if root is None:
         raise YamlError(1, '', 'expected a YAML document, got an empty one')
-    return builder.root
+    return root
 
 
 def join(place: str, key: str) -> str:
@@ -142,107 +141,93 @@ def clipped(text: str) -> str:
     return short if short.isprintable() else ascii(short)[1:-1]
 
 
-class _Builder:
-    """Builds nodes from events, in one pass and without recursion."""
+class _Reader:
+    """Builds nodes from events; each calls itself for what is within it, to a bounded depth."""
 
-    def __init__(self) -> None:
-        self.root: Node | None = None
+    def __init__(self, text: str) -> None:
         self.line = 1
-        self._open: list[Node] = []
-        self._keys: list[str | None] = []
-        # of each open list or mapping, within the one around it
-        self._places: list[str] = []
+        self._events = yaml.parse(text, yaml.SafeLoader)
         self._nodes = 0
 
-    def take(self, event: yaml.Event) -> None:
-        """Take one event in."""
+    def document(self) -> Node | None:
+        """Return the content of the one document, None if there is none."""
+        root = None
+        while not isinstance(event := self._next(), yaml.StreamEndEvent):
+            if isinstance(event, yaml.DocumentStartEvent):
+                if root is not None:
+                    self._refuse('expected one YAML document, got another one')
+                if event.version or event.tags:
+                    self._refuse('expected a YAML document without directives, got one with %')
+            elif isinstance(event, yaml.NodeEvent):
+                root = self._node(event, '', 0)
+        return root
+
+    def _next(self) -> Any:
+        event = next(self._events)
         self.line = event.start_mark.line + 1 if event.start_mark is not None else self.line
-        match event:
-            case yaml.AliasEvent():
-                self._refuse('expected a YAML document without aliases, got one with *')
-            case yaml.DocumentStartEvent():
-                self._start(event)
-            case yaml.CollectionEndEvent():
-                self._open.pop()
-                self._keys.pop()
-                self._places.pop()
-            case yaml.NodeEvent():
-                self._node(event)
+        return event
 
-    def _start(self, event: yaml.DocumentStartEvent) -> None:
-        if self.root is not None:
-            self._refuse('expected one YAML document, got another one')
-        if event.version or event.tags:
-            self._refuse('expected a YAML document without directives, got one with %')
-
-    def _node(self, event: Any) -> None:
-        self._nodes += 1
-        if self._nodes > MOST_NODES:
-            self._refuse(f'expected at most {MOST_NODES} values and keys in YAML, got more')
-        if event.anchor is not None:
-            self._refuse(f'expected no anchor, got &{clipped(event.anchor)}')
-        if event.tag is not None:
-            self._refuse(f'expected no tag, got {clipped(event.tag)}')
+    def _node(self, event: Any, place: str, depth: int) -> Node:
+        """Return what begins with an event at a place, within so many lists and mappings."""
+        self._check(event, place)
         if isinstance(event, yaml.ScalarEvent):
-            self._scalar(event)
-            return
-        content: Any = {} if isinstance(event, yaml.MappingStartEvent) else []
-        if self._awaits_key():
-            self._refuse('expected a text as key, got a list or a mapping')
-        place = self._place()
-        self._open.append(self._add(content))
-        self._keys.append(None)
-        self._places.append(place)
-        if len(self._open) > DEEPEST_NESTING:
-            self._refuse(f'expected at most {DEEPEST_NESTING} levels of nesting in YAML, got more')
-
-    def _scalar(self, event: yaml.ScalarEvent) -> None:
-        plain = event.implicit[0]
-        if self._awaits_key():
-            self._key(event.value)
-        else:
-            self._add(self._resolved(event.value) if plain else self._text(event.value))
-
-    def _awaits_key(self) -> bool:
-        return bool(
-            self._open and isinstance(self._open[-1].content, dict) and self._keys[-1] is None
-        )
-
-    def _key(self, key: str) -> None:
-        if not key.isprintable() or not 0 < len(key) <= LONGEST_KEY:
-            self._refuse(
-                f'expected a key of 1 to {LONGEST_KEY} printable characters, got {shown(key)}'
-            )
-        parent = self._open[-1]
-        if key in parent.content:
-            first = parent.children[key].line
-            self._refuse(f'expected the key once, got it again after line {first}', key)
-        self._keys[-1] = key
-
-    def _add(self, content: Any) -> Node:
-        node = Node(content, self.line)
-        if not self._open:
-            self.root = node
-            return node
-        parent = self._open[-1]
-        if isinstance(parent.content, dict):
-            key = self._keys[-1] or ''
-            self._keys[-1] = None
-            parent.content[key] = content
-        else:
-            key = str(len(parent.content))
-            parent.content.append(content)
-        parent.children[key] = node
+            read = self._resolved if event.implicit[0] else self._text
+            return Node(read(event.value, place), self.line)
+        if depth == DEEPEST_NESTING:
+            fault = f'expected at most {DEEPEST_NESTING} levels of nesting in YAML, got more'
+            self._refuse(fault, place)
+        mapping = isinstance(event, yaml.MappingStartEvent)
+        node = Node({} if mapping else [], self.line)
+        while not isinstance(event := self._next(), yaml.CollectionEndEvent):
+            key, below = str(len(node.children)), f'{place}[{len(node.children)}]'
+            if mapping:
+                key = self._key(event, node, place)
+                event, below = self._next(), join(place, key)
+            child = self._node(event, below, depth + 1)
+            node.children[key] = child
+            if mapping:
+                node.content[key] = child.content
+            else:
+                node.content.append(child.content)
         return node
 
-    def _text(self, value: str) -> str:
+    def _check(self, event: Any, place: str) -> None:
+        """Refuse what refers to something else, and too much of anything."""
+        if isinstance(event, yaml.AliasEvent):
+            self._refuse('expected a YAML document without aliases, got one with *', place)
+        self._nodes += 1
+        if self._nodes > MOST_NODES:
+            self._refuse(f'expected at most {MOST_NODES} values and keys in YAML, got more', place)
+        if event.anchor is not None:
+            self._refuse(f'expected no anchor, got &{clipped(event.anchor)}', place)
+        if event.tag is not None:
+            self._refuse(f'expected no tag, got {clipped(event.tag)}', place)
+
+    def _key(self, event: Any, parent: Node, place: str) -> str:
+        self._check(event, place)
+        if not isinstance(event, yaml.ScalarEvent):
+            self._refuse('expected a text as key, got a list or a mapping', place)
+        key: str = event.value
+        if not key.isprintable() or not 0 < len(key) <= LONGEST_KEY:
+            fault = f'expected a key of 1 to {LONGEST_KEY} printable characters, got {shown(key)}'
+            self._refuse(fault, place)
+        if key in parent.children:
+            first = parent.children[key].line
+            self._refuse(
+                f'expected the key once, got it again after line {first}', join(place, key)
+            )
+        return key
+
+    def _text(self, value: str, place: str) -> str:
         if len(value) > LONGEST_TEXT:
-            self._refuse(f'expected at most {LONGEST_TEXT} characters of text, got {len(value)}')
+            self._refuse(
+                f'expected at most {LONGEST_TEXT} characters of text, got {len(value)}', place
+            )
         if not value.replace('\n', '').replace('\t', '').isprintable():
-            self._refuse(f'expected printable text, got {shown(value)}')
+            self._refuse(f'expected printable text, got {shown(value)}', place)
         return value
 
-    def _resolved(self, value: str) -> Any:
+    def _resolved(self, value: str, place: str) -> Any:
         """Return what a plain scalar stands for in the core schema."""
         if value in _NULL:
             return None
@@ -258,19 +243,10 @@ class _Builder:
         if _DOUBTFUL.fullmatch(value):
             self._refuse(
                 'expected a number written in at most 40 decimal digits without leading zeros, '
-                f'colons or underscores, or a text in quotes, got {shown(value)}'
+                f'colons or underscores, or a text in quotes, got {shown(value)}',
+                place,
             )
-        return self._text(value)
+        return self._text(value, place)
 
-    def _refuse(self, fault: str, key: str = '') -> NoReturn:
-        place = self._place()
-        raise YamlError(self.line, join(place, key) if key else place, fault)
-
-    def _place(self) -> str:
-        """Return the place of the value that comes next."""
-        if not self._open:
-            return ''
-        node, key, place = self._open[-1], self._keys[-1], self._places[-1]
-        if isinstance(node.content, list):
-            return f'{place}[{len(node.content)}]'
-        return place if key is None else join(place, key)
+    def _refuse(self, fault: str, place: str = '') -> NoReturn:
+        raise YamlError(self.line, place, fault)

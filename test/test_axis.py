@@ -2,18 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """One parser of axes: what the node takes, commands and recordings take too."""
 
-import numpy as np
 import pytest
 
-from rpms_ros import messages
 from rpms_ros.axis import unit_vector
 from rpms_ros.cli.options import add_reading_options
-from rpms_ros.recording.rosbag.definitions import direction_of
-
-
-@pytest.mark.parametrize('text', ['x', '-x', 'y', '-y', 'z', '-z', '0.6,0,0.8', '-3,0,4'])
-def test_nodes_and_recordings_read_an_axis_alike(text: str) -> None:
-    assert np.array(messages.axis_of(text)).tobytes() == direction_of(text).tobytes()
+from rpms_ros.errors import AxisError
 
 
 def test_a_direction_has_length_one_whatever_it_is_written_with() -> None:
@@ -21,9 +14,9 @@ def test_a_direction_has_length_one_whatever_it_is_written_with() -> None:
     assert unit_vector((3e200, 0.0, 4e200)) == pytest.approx((0.6, 0.0, 0.8), abs=1e-15)
 
 
-@pytest.mark.parametrize('text', ['', 'up', '-w', '1,2', '0,0,0', 'nan,0,1', '1,2,3,4'])
+@pytest.mark.parametrize('text', ['', 'up', '-w', '1,2', '0,0,0', 'nan,0,1', 'inf,0,0', '1,2,3,4'])
 def test_what_is_no_direction_is_refused(text: str) -> None:
-    with pytest.raises(ValueError, match='expected axis x, y, z, -x or three numbers'):
+    with pytest.raises(AxisError, match='expected axis x, y, z, -x or three numbers'):
         unit_vector(text)
 
 
@@ -33,4 +26,4 @@ def test_a_command_takes_a_negative_axis() -> None:
     parser = argparse.ArgumentParser()
     add_reading_options(parser)
     axis = parser.parse_args(['--axis=-z']).axis
-    assert direction_of(axis).tolist() == [0.0, 0.0, -1.0]
+    assert unit_vector(axis) == (0.0, 0.0, -1.0)

@@ -14,16 +14,17 @@ from pathlib import Path
 
 import numpy as np
 
+import rpms_ros
 from rpms_ros.identification.analysis import analyze_trains
 from rpms_ros.identification.analysis.responses import Response
-from rpms_ros.recording.importing import read_csv
 
 FOLDER = Path(os.environ.get('RPMS_RECORDINGS', Path(__file__).parents[3] / 'shared/data'))
 
 
 def response(path):
     """Return the response of a trial."""
-    pulses, trace = read_csv(path, 'Time [s]', 'fGM [N]', 'STIM [ ]')
+    session = rpms_ros.load(path, columns=('Time [s]', 'fGM [N]', 'STIM [ ]'))
+    pulses, trace = session.pulses, session.force
     lag = (trace.stamp_ns - pulses.onset_ns[0]) / 1e9
     onset = (pulses.onset_ns - pulses.onset_ns[0]) / 1e9
     part = (lag >= -0.05) & (lag < onset[-1] + 0.5)

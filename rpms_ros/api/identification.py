@@ -3,8 +3,7 @@
 """What was found of the muscle: curve, response, parameters, figure, tables."""
 
 import json
-from dataclasses import asdict, dataclass, fields
-from importlib import import_module
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +13,6 @@ from rpms_ros.api.session import Session, as_html
 from rpms_ros.errors import ReportError
 from rpms_ros.identification import IdentifiedSession
 from rpms_ros.identification.quality.verdict import Verdict
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.report.result import (
     Curve,
     IdentificationResult,
@@ -26,7 +24,6 @@ from rpms_ros.report.text import labelled
 from rpms_ros.schema import plain
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.figure import Figure
 
     from rpms_ros.report.known_muscle import KnownMuscle
@@ -219,55 +216,6 @@ class Identification:
                 raise ReportError(f'expected to write {path}, got {error}') from error
         return text
 
-    def to_pandas(self, table: str = 'parameters') -> 'pd.DataFrame':
-        """Return one of the results as a table; needs pandas.
-
-        Parameters
-        ----------
-        table : str
-            ``parameters`` (one row each: value, lower, upper, unit, determined), ``curve`` (by
-            intensity), ``response`` (by time after the pulse [s]) or ``force`` (by time after the
-            first sample [s]: force, prediction and whether the sample was used).
-
-        Raises
-        ------
-        ReportError
-            If there is no such table, the data do not tell it, or pandas is not installed.
-        """
-        if table not in TABLES:
-            raise ReportError(f'expected a table of {", ".join(TABLES)}, got {table!r}')
-        try:
-            pandas = import_module('pandas')
-        except ModuleNotFoundError as error:
-            raise ReportError(
-                'expected pandas to be installed, got none; pip install "rpms_ros[notebooks]"'
-            ) from error
-        index, columns = self._columns(table)
-        name = {'parameters': 'parameter', 'curve': 'intensity'}.get(table, 'time_s')
-        frame: pd.DataFrame = pandas.DataFrame(columns, pandas.Index(index, name=name))
-        return frame
-
-    def _columns(self, table: str) -> tuple[Any, dict[str, Any]]:
-        """Return the index and the columns of one of `TABLES`."""
-        if table == 'parameters':
-            found = self.parameters
-            rows = [asdict(one) for one in found.values()]
-            names = [field.name for field in fields(Parameter)]
-            return list(found), {name: [row[name] for row in rows] for name in names}
-        if table == 'force':
-            kept = self.estimates
-            names = ['force', 'prediction', 'usable']
-            time = (kept.stamp_ns - kept.stamp_ns[0]) / NANOSECONDS_PER_SECOND
-            return time, {name: getattr(kept, name) for name in names}
-        one = self.curve if table == 'curve' else self.response
-        if one is None:
-            raise ReportError(self.result.without_curve)
-        nothing = np.full(len(one.force), NAN)
-        ends = {'lower': one.lower, 'upper': one.upper}
-        ends = {name: nothing if end is None else end for name, end in ends.items()}
-        index = one.intensity if isinstance(one, Curve) else one.time_s
-        return index, {'force': one.force, **ends}
-
     def __repr__(self) -> str:
         return f'Identification({self.session.name!r}, {self.estimator!r}, {self.verdict.line!r})'
 
@@ -281,6 +229,3 @@ class Identification:
     def faults(self) -> dict[str, int]:
         """What was wrong with the data, and how often."""
         return dict(self.result.faults)
-
-
-TABLES = ('parameters', 'curve', 'response', 'force')

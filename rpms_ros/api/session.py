@@ -149,13 +149,8 @@ class Session:
             '', ((name, str(fact)) for name, fact in facts if fact not in (None, [], {}))
         )
 
-    def verify(self, key: bytes | None = None) -> list[Finding]:
+    def verify(self) -> list[Finding]:
         """Return what every check of the recording found: ``check``, ``state`` and ``text`` each.
-
-        Parameters
-        ----------
-        key : bytes, optional
-            What the recording must have been signed with.
 
         Raises
         ------
@@ -167,7 +162,7 @@ class Session:
                 f'expected a session that was loaded from a recording, got one of '
                 f'{self.recording.facts.storage}; save() writes a recording'
             )
-        return verify(self.recording.facts.path, self.topics, key)
+        return verify(self.recording.facts.path, self.topics)
 
     def save(self, path: str | Path, compression: str = '') -> None:
         """Write pulses and force as a recording of mcap with checksums.

@@ -42,13 +42,12 @@ _INFO_EXAMPLES = """\
   rpms info session/session_0.mcap --json
 """
 _VERIFY = """\
-Checks a recording, one line a finding: structure, checksums, signature, publishers, lost messages,
+Checks a recording, one line a finding: structure, checksums, publishers, lost messages,
 accepted schedules, pulses and force on one clock; and shows the hash of the session that results
 and reports carry.  Faults of the numbers are those of `rpms identify`.
 """
 _VERIFY_EXAMPLES = """\
   rpms verify session
-  rpms verify session --key laboratory.key        signed with this key?
   rpms verify session --audit audit.jsonl         the pulses that the driver gave?
 exit codes: 0 nothing wrong, 1 a line says FAULT, 2 cannot be read
 """
@@ -159,7 +158,6 @@ def add_verify(subparsers: Subparsers) -> None:
     summary = 'is a recording whole and unchanged'
     parser = add_command(subparsers, 'verify', run_verify, summary, _VERIFY, _VERIFY_EXAMPLES)
     add_bag(parser)
-    add_option(parser, '--key FILE', None, 'key of the signature', type=Path)
     text = 'audit log of the driver that gave the pulses'
     add_option(parser, '--audit FILE', None, text, type=Path)
     add_json(parser)
@@ -169,13 +167,9 @@ def add_verify(subparsers: Subparsers) -> None:
 
 def run_verify(arguments: argparse.Namespace) -> int:
     """Print what was found; return 1 if something is wrong."""
-    from rpms_ros.recording.rosbag.metadata import read_key
     from rpms_ros.recording.rosbag.verifying import FAULT, verify
 
-    key = read_key(arguments.key) if arguments.key else None
-    findings = verify(
-        arguments.bag, topics_of(arguments), key, arguments.max_memory, arguments.audit
-    )
+    findings = verify(arguments.bag, topics_of(arguments), arguments.max_memory, arguments.audit)
     if arguments.json:
         rows = [vars(finding) for finding in findings]
         print(json.dumps({'recording': str(arguments.bag), 'findings': rows}))

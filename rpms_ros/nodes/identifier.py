@@ -31,8 +31,8 @@ from std_srvs.srv import Trigger
 from rpms_msgs.msg import MuscleEstimate, Pulse as PulseMessage
 from rpms_msgs.srv import StateFile
 from rpms_ros import estimate_messages, messages
-from rpms_ros.axis import FORCE, UNITS, Axis
-from rpms_ros.errors import IdentificationError, MessageError, NodeError, RpmsError
+from rpms_ros.axis import FORCE, UNITS, Axis, unit_vector
+from rpms_ros.errors import AxisError, IdentificationError, NodeError, RpmsError
 from rpms_ros.identification import (
     DEFAULT_RATE,
     PRESET_NAMES,
@@ -161,10 +161,10 @@ class IdentifierParameters(NodeParameters):
         super().__post_init__()
         try:
             monitors_by_name(stream_settings(self).monitors)
-            messages.axis_of(self.axis)
+            unit_vector(self.axis)
             if self.temporal_summation or self.start_from:
                 build_estimator(self)
-        except (IdentificationError, MessageError) as error:
+        except (IdentificationError, AxisError) as error:
             raise NodeError(str(error)) from error
 
 
@@ -442,7 +442,7 @@ class Identifier(NodeOfParts):
             lambda: logger_of(self).info('compiling, once on a machine: one to three minutes'),
         )
         self.stream = build_stream(self.settings)
-        self._axis = messages.axis_of(self.settings.axis)
+        self._axis = unit_vector(self.settings.axis)
         self._unit = UNITS[self.settings.quantity]
         self._reported: dict[str, int] = {}
         self._doubted = ''

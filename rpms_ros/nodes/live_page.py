@@ -32,7 +32,7 @@ from std_srvs.srv import Trigger
 
 from rpms_msgs.msg import DriverStatus, MuscleEstimate, Pulse
 from rpms_ros import estimate_messages, messages
-from rpms_ros.axis import FORCE, UNITS, Axis
+from rpms_ros.axis import FORCE, UNITS, Axis, unit_vector
 from rpms_ros.errors import MessageError, NodeError
 from rpms_ros.live import session as shown
 from rpms_ros.live.force_course import alike, forces_of, warm_up
@@ -319,7 +319,7 @@ class LivePage(NodeOfParts):
 
     def _build(self) -> None:
         self.settings = settings = declare_parameters(self, LivePageParameters)
-        axis = messages.axis_of(settings.axis)
+        axis = unit_vector(settings.axis)
         token = self._token
         if settings.token_file and not token:
             token = token_of(Path(settings.token_file).expanduser())

@@ -41,7 +41,6 @@ from rpms_ros.nodes.common.qos import Ear, second_node
 from rpms_ros.nodes.common.runner import NodeOfParts, every, run
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.recording import RecordingWriter
-from rpms_ros.recording.rosbag.metadata import read_key
 from rpms_ros.recording.rosbag.verifying import LOST_KEY, PUBLISHERS_KEY
 
 LEAST_ROOM = 1_000_000_000
@@ -124,9 +123,6 @@ class RecorderParameters(NodeParameters):
         'Topics to record; those without publisher stay empty.',
         choices=tuple(_TOPICS),
     )
-    key_file: str = parameter(
-        '', 'File with the key that signs the recording; empty leaves it unsigned.'
-    )
 
 
 @dataclass
@@ -189,12 +185,11 @@ class Recorder(NodeOfParts):
 
     def _opened(self) -> RecordingWriter:
         settings = self.settings
-        key = read_key(Path(settings.key_file).expanduser()) if settings.key_file else None
         # to the microsecond: of two recorders each has a name of its own
         now = datetime.now().astimezone().strftime('rpms_%Y%m%d_%H%M%S_%f')
         name = '_'.join(filter(None, [now, *self.get_namespace().split('/')]))
         path = Path(settings.path or name).expanduser()
-        return RecordingWriter(path, key=key)
+        return RecordingWriter(path)
 
     def _take(self) -> None:
         """Write the new messages in the order of their arrival."""

@@ -211,9 +211,13 @@ def _draw_gains(axes: Axes, found: SummationAnalysis) -> None:
 def _picked(found: SummationAnalysis) -> list[TrainAnalysis]:
     """Return the trains that have a panel: all, or so many chosen evenly."""
     ordered = sorted(found.trains, key=lambda train: (len(train.response.onset), train.rate_hz))
-    count = min(MOST_TRAINS, len(ordered))
-    places = np.unique(np.linspace(0, len(ordered) - 1, count).round().astype(np.int64))
-    return [ordered[place] for place in places]
+    return [ordered[place] for place in _evenly(len(ordered), MOST_TRAINS)]
+
+
+def _evenly(count: int, most: int) -> list[int]:
+    """Return at most so many of `count` places, evenly chosen."""
+    places = np.linspace(0, count - 1, min(most, count)).round().astype(np.int64)
+    return [int(place) for place in np.unique(places)]
 
 
 def _draw_train(axes: Axes, train: TrainAnalysis) -> None:
@@ -292,9 +296,7 @@ def _frequent(values: np.ndarray) -> np.ndarray:
 
 def _spread_out(values: np.ndarray) -> list[float]:
     """Return at most as many values as there are kinds of line, evenly chosen."""
-    count = min(len(DASHES), len(values))
-    places = np.unique(np.linspace(0, len(values) - 1, count).round().astype(np.int64))
-    return [float(values[place]) for place in places]
+    return [float(values[place]) for place in _evenly(len(values), len(DASHES))]
 
 
 def _draw_family(

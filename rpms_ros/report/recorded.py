@@ -6,14 +6,13 @@ Recorded estimates as a table for an export, and compared with those of another 
 """
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from rosbags.serde import SerdeError
 
 from rpms_ros import estimate_messages, messages
 from rpms_ros.errors import MessageError, RecordingError
@@ -21,7 +20,8 @@ from rpms_ros.identification import Estimate
 from rpms_ros.muscle.simulation import Truth
 from rpms_ros.pulses import FloatArray
 from rpms_ros.recording.export import EstimateTable
-from rpms_ros.recording.rosbag.definitions import MUSCLE_ESTIMATE, types_of
+from rpms_ros.recording.rosbag.definitions import MUSCLE_ESTIMATE
+from rpms_ros.recording.rosbag.reading import decoded
 from rpms_ros.recording.rosbag.scan import Scan
 from rpms_ros.report.known_muscle import KnownMuscle, known_muscle
 from rpms_ros.report.result import IDENTIFIABILITY
@@ -116,22 +116,22 @@ def recorded_messages(
     topics: set[str] = set()
     unreadable = 0
     scan = Scan(Path(path), memory)
-    for topic, type_name, size, message in _decoded(scan, only):
-        try:
-            if type_name == DRIVER_STATUS:
-                driver = _totals(driver, message)
-                continue
-            if type_name == messages.MUSCLE_TRUTH:
-                truths.append(estimate_messages.truth_of(message))
-                scan.budget.hold(_PER_TRUTH + size)
-                continue
-            estimate = estimate_messages.estimate_of(message)
-        except _NOT_THERE:
-            unreadable += 1
-            continue
-        scan.budget.hold(_PER_ESTIMATE + size)
-        topics.add(topic)
-        estimates.append(estimate)
+    wanted = (block for block in scan.blocks() if block[0].type_name in only)
+    for channel, records in wanted:
+        sizes = (records.end - records.start).tolist()
+        for size, message in zip(sizes, decoded(channel, records), strict=True):
+            try:
+                if channel.type_name == DRIVER_STATUS:
+                    driver = _totals(driver, message)
+                elif channel.type_name == messages.MUSCLE_TRUTH:
+                    truths.append(estimate_messages.truth_of(message))
+                    scan.budget.hold(_PER_TRUTH + size)
+                else:
+                    estimates.append(estimate_messages.estimate_of(message))
+                    scan.budget.hold(_PER_ESTIMATE + size)
+                    topics.add(channel.topic)
+            except _NOT_THERE:
+                unreadable += 1
     if len(topics) > 1:
         raise RecordingError(
             f'expected estimates of one identifier in {path}, got {", ".join(sorted(topics))}'
@@ -162,24 +162,6 @@ def true_muscle(
     if any(topic.type_name == messages.MUSCLE_TRUTH for topic in facts.topics):
         truths = recorded_messages(facts.path, memory, (messages.MUSCLE_TRUTH,)).truths
     return known_muscle(truths, facts.custom, rate_hz)
-
-
-def _decoded(scan: Scan, only: tuple[str, ...]) -> Iterator[tuple[str, str, int, Any]]:
-    """Yield topic, type, size [bytes] and message, None in place of one that cannot be decoded."""
-    for channel, records in scan.blocks():
-        if channel.type_name not in only:
-            continue
-        try:
-            types = types_of(channel.type_name, channel.definition, channel.definition_encoding)
-        except RecordingError:
-            types = None
-        for index in range(len(records)):
-            data = records.message(index)
-            try:
-                message = types.deserialize_cdr(data, channel.type_name) if types else None
-            except (SerdeError, ValueError, IndexError):
-                message = None
-            yield channel.topic, channel.type_name, len(data), message
 
 
 def _totals(before: DriverTotals | None, status: Any) -> DriverTotals:

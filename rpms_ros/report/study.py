@@ -79,21 +79,20 @@ class StudyOptions(IdentificationOptions):
     expected_force: float = 200.0
 
 
-def columns() -> dict[str, type]:
-    """Return the names of the columns and the type of their values."""
-    numbers = ['duration_s', 'rate_hz', 'output_error_n', 'output_error_of_range', *_PARAMETERS]
-    numbers += ['u_thr_lower', 'u_thr_upper', 'confidence']
-    curve = [f'steady_force_{share}' for share in _CURVE_SHOWN]
-    numbers += [f'{name}{end}' for name in curve for end in _ENDS]
-    numbers += ['peak_force', 'time_to_peak_s']
-    numbers += ['train_rate_hz', 'train_peak_force', 'train_fit_percent']
+def columns() -> list[str]:
+    """Return the names of the columns."""
     stated = dict.fromkeys((*PHYSIOLOGY_NAMES, *_TRAIN_INTERVALS))
-    numbers += [f'{name}{end}' for name in stated for end in _ENDS]
-    texts = ['recording', 'status', 'reason', 'verdict', 'reasons', 'estimator']
-    texts += ['train_model', 'unit', 'session_hash']
-    counts = ['samples', 'pulses', 'start_ns']
-    kinds: dict[str, type] = dict.fromkeys(texts, str) | dict.fromkeys(counts, int)
-    return kinds | dict.fromkeys(numbers, float) | {'faults': str, 'notes': str}
+    curve = (f'steady_force_{share}' for share in _CURVE_SHOWN)
+    return [
+        *('recording', 'status', 'reason', 'verdict', 'reasons', 'estimator', 'train_model'),
+        *('unit', 'session_hash', 'samples', 'pulses', 'start_ns', 'duration_s', 'rate_hz'),
+        *('output_error_n', 'output_error_of_range', *_PARAMETERS),
+        *('u_thr_lower', 'u_thr_upper', 'confidence'),
+        *(f'{name}{end}' for name in curve for end in _ENDS),
+        *('peak_force', 'time_to_peak_s', 'train_rate_hz', 'train_peak_force'),
+        *('train_fit_percent', *(f'{name}{end}' for name in stated for end in _ENDS)),
+        *('faults', 'notes'),
+    ]
 
 
 def work(path: str, options: StudyOptions) -> Row:

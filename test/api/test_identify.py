@@ -3,7 +3,6 @@
 """The result of an identification in Python is that of the command, with its truth inside."""
 
 import json
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -86,9 +85,8 @@ def test_one_intensity_has_no_curve_but_a_response() -> None:
     assert len(result.response.force) == len(result.response.time_s) > 50
     assert any('one intensity' in note for note in result.result.notes)
     assert 'u_thr' not in result.parameters
-    for refused in (lambda: result.force_at(0.5), lambda: result.to_pandas('curve')):
-        with pytest.raises(RpmsError, match='expected pulses of several intensities'):
-            refused()
+    with pytest.raises(RpmsError, match='expected pulses of several intensities'):
+        result.force_at(0.5)
 
 
 def test_no_curve_from_pulses_on_another_clock_is_not_called_one_intensity() -> None:
@@ -148,27 +146,3 @@ def test_the_figure_can_be_shown_and_saved(found: Identification, tmp_path: Path
     assert found.plot(own) is own
     own.savefig(tmp_path / 'own.png')
     assert (tmp_path / 'own.png').stat().st_size > 10_000
-
-
-def test_tables_hold_the_numbers_of_the_result(found: Identification) -> None:
-    parameters = found.to_pandas()
-    assert parameters.loc['u_thr', 'value'] == found.parameters['u_thr'].value
-    assert parameters.columns.tolist() == ['value', 'lower', 'upper', 'unit', 'determined']
-    curve = found.to_pandas('curve')
-    assert found.curve is not None
-    assert curve['force'].tolist() == found.curve.force.tolist()
-    assert (curve['lower'] <= curve['upper']).all()
-    assert found.to_pandas('response').index.name == 'time_s'
-    force = found.to_pandas('force')
-    assert len(force) == len(found.session.force)
-    assert force['usable'].all()
-    with pytest.raises(RpmsError, match=r"expected a table of .*, got 'twitch'"):
-        found.to_pandas('twitch')
-
-
-def test_a_missing_package_is_one_clear_line(
-    found: Identification, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, 'pandas', None)
-    with pytest.raises(RpmsError, match=r'expected pandas.*pip install "rpms_ros\[notebooks\]"'):
-        found.to_pandas()

@@ -87,7 +87,7 @@ def test_what_may_not_be_read_is_named(
 def test_a_recording_that_grows_is_read_up_to_where_it_is(rpms: Rpms, tmp_path: Path) -> None:
     path = tmp_path / 'bag'
     stamps = 10**18 + np.arange(100, dtype=np.int64) * 1_000_000
-    records = encode_forces(ForceTrace(stamps, np.ones(100)), np.array([0.0, 0.0, 1.0]))
+    records = encode_forces(ForceTrace(stamps, np.ones(100)), (0.0, 0.0, 1.0))
     writer = RecordingWriter(path)
     topic = writer.add_topic('/force', WRENCH_STAMPED)
     stopped = threading.Event()

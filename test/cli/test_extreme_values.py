@@ -69,7 +69,7 @@ def test_identify_ends_as_documented(
 
 def test_pulses_that_can_all_not_be_decoded_leave_a_verdict(rpms: Rpms, tmp_path: Path) -> None:
     path = tmp_path / 'bag'
-    forces = encode_forces(ForceTrace(STAMP_NS, FORCE), np.array([0.0, 0.0, 1.0]))
+    forces = encode_forces(ForceTrace(STAMP_NS, FORCE), (0.0, 0.0, 1.0))
     with RecordingWriter(path) as writer:
         pulse, force = (
             writer.add_topic('/pulses', PULSE),

@@ -47,7 +47,7 @@ def test_one_row_a_recording(sessions: Path, expected: bytes) -> None:
     assert [row['recording'] for row in rows] == [
         str(sessions / f'session_{number}') for number in range(COUNT)
     ]
-    assert list(rows[0]) == list(columns())
+    assert list(rows[0]) == columns()
     for row in rows:
         assert (row['status'], row['samples'], row['pulses']) == ('ok', '2000', '40')
         assert float(row['u_thr']) < float(row['u_sat'])

@@ -17,8 +17,7 @@ from rpms_ros.recording.rosbag.verifying import LOST_KEY, PUBLISHERS_KEY
 
 Rpms = Callable[..., tuple[int, str, str]]
 MILLISECOND = 1_000_000
-CHECKS = ['structure', 'checksums', 'signature', 'publishers', 'lost', 'schedule', 'hash']
-KEY = b'a key of the laboratory'
+CHECKS = ['structure', 'checksums', 'publishers', 'lost', 'schedule', 'hash']
 
 
 def session() -> tuple[PulseTrain, ForceTrace]:
@@ -43,34 +42,18 @@ def test_a_good_recording(rpms: Rpms, short_session: Path) -> None:
     found = lines_of(out)
     assert found['hash'].split() == ['ok', session_hash(read_recording(short_session))]
     assert found['checksums'].startswith('ok       SHA-256 of short_0.mcap, metadata.yaml')
-    assert found['signature'].startswith('unknown  not signed')
     code, out, _ = rpms('verify', short_session, '--json')
     findings = json.loads(out)['findings']
     assert code == 0
     assert [finding['check'] for finding in findings] == CHECKS
 
 
-def test_a_signature_is_checked(rpms: Rpms, tmp_path: Path) -> None:
-    keys = {name: tmp_path / name for name in ('right', 'wrong')}
-    keys['right'].write_bytes(KEY)
-    keys['wrong'].write_bytes(KEY[::-1])
-    write_recording(tmp_path / 'signed', *session(), key=KEY)
-    write_recording(tmp_path / 'unsigned', *session())
-    for name, key, code, text in (
-        ('signed', 'right', 0, 'ok       made with the key'),
-        ('signed', 'wrong', 1, 'FAULT    not made with the key'),
-        ('unsigned', 'right', 1, 'FAULT    expected a signature, got none'),
-    ):
-        found, out, _ = rpms('verify', tmp_path / name, '--key', keys[key])
-        assert found == code
-        assert lines_of(out)['signature'].strip() == text
-    code, out, _ = rpms('verify', tmp_path / 'signed')
-    assert 'signed; --key checks it' in lines_of(out)['signature']
-    sums = tmp_path / 'signed' / 'SHA256SUMS'
+def test_what_is_not_what_was_written_is_a_fault(rpms: Rpms, tmp_path: Path) -> None:
+    write_recording(tmp_path / 'bag', *session())
+    sums = tmp_path / 'bag' / 'SHA256SUMS'
     sums.write_text(sums.read_text().replace('a', 'b'))
-    code, out, _ = rpms('verify', tmp_path / 'signed', '--key', keys['right'])
+    code, out, _ = rpms('verify', tmp_path / 'bag')
     assert code == 1
-    assert lines_of(out)['signature'].startswith('FAULT')
     assert lines_of(out)['checksums'].startswith('FAULT')
 
 

@@ -7,10 +7,11 @@ from geometry_msgs.msg import WrenchStamped
 from rclpy.serialization import serialize_message
 
 from rpms_ros import messages
+from rpms_ros.axis import unit_vector
 from rpms_ros.errors import MessageError
 from rpms_ros.live.force_course import forces_of
 
-AXIS = messages.axis_of('0.6,0,0.8')
+AXIS = unit_vector('0.6,0,0.8')
 
 
 def wrench(frame_id, index=0):

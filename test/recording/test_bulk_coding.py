@@ -13,7 +13,6 @@ from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import ForceTrace, PulseTrain
 from rpms_ros.recording.rosbag.definitions import (
     PULSE,
-    direction_of,
     known_types,
     written_definition,
 )
@@ -125,4 +124,4 @@ def test_encoded_pulses_are_those_of_rosbags(
 @pytest.mark.parametrize('stamp_ns', [-1, 2**31 * 1_000_000_000])
 def test_stamps_that_ros_cannot_hold_are_refused(stamp_ns: int) -> None:
     with pytest.raises(RecordingError, match='expected stamps from 0 to 2147483647 s, got'):
-        encode_forces(ForceTrace(np.array([stamp_ns]), np.zeros(1)), direction_of('z'))
+        encode_forces(ForceTrace(np.array([stamp_ns]), np.zeros(1)), (0.0, 0.0, 1.0))

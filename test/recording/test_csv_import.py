@@ -9,11 +9,13 @@ import pytest
 from hypothesis import given, strategies as st
 
 from rpms_ros.errors import RecordingError
-from rpms_ros.recording.importing import ImportOptions, read_csv
+from rpms_ros.recording.importing import ImportOptions, import_file
 from rpms_ros.recording.importing.gates import gate_pulses
 
 HEADER = 'Time [s],STIM [ ],"fGM [N]"\n'
-COLUMNS = ('Time [s]', 'fGM [N]', 'STIM [ ]')
+COLUMNS = ImportOptions(
+    time='Time [s]', force='fGM [N]', pulse='STIM [ ]', time_unit='s', force_unit='N'
+)
 MILLISECOND = 1_000_000
 
 
@@ -77,4 +79,4 @@ def test_gate_that_is_up_at_the_ends() -> None:
 )
 def test_bad_tables_are_refused(tmp_path: Path, rows: list[str], message: str) -> None:
     with pytest.raises(RecordingError, match=message):
-        read_csv(table(tmp_path, rows), *COLUMNS)
+        import_file(table(tmp_path, rows), COLUMNS)

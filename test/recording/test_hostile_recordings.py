@@ -19,7 +19,7 @@ from mcap.opcode import Opcode
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import ForceTrace, PulseTrain
 from rpms_ros.recording import read_facts, read_recording, write_recording
-from rpms_ros.recording.importing import read_csv
+from rpms_ros.recording.importing import ImportOptions, import_file
 from rpms_ros.recording.rosbag.mcap_files import MAGIC
 
 Session = tuple[PulseTrain, ForceTrace]
@@ -116,7 +116,7 @@ def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
         read_facts(tmp_path / 'bag_0.mcap')
     os.mkfifo(tmp_path / 'trial.csv')
     with pytest.raises(RecordingError, match=r'expected a file at .*, got no regular file'):
-        read_csv(tmp_path / 'trial.csv', 't', 'F', 'gate')
+        import_file(tmp_path / 'trial.csv', ImportOptions())
 
 
 def test_a_view_without_end_is_not_read(tmp_path: Path) -> None:

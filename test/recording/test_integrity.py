@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Checksums, signature and ends of recordings: what changed or is missing never passes unnamed."""
+"""Checksums and ends of recordings: what changed or is missing never passes unnamed."""
 
 import subprocess
 from pathlib import Path

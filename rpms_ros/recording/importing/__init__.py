@@ -3,7 +3,7 @@
 """Files of laboratories as pulses and forces: reading, guessing what is what, converting."""
 
 from rpms_ros.recording.importing.signals import Ambiguous, ImportOptions
-from rpms_ros.recording.importing.whole_file import Imported, import_file, is_foreign, read_csv
+from rpms_ros.recording.importing.whole_file import Imported, import_file, is_foreign
 
 __all__ = [
     'Ambiguous',
@@ -11,5 +11,4 @@ __all__ = [
     'Imported',
     'import_file',
     'is_foreign',
-    'read_csv',
 ]

@@ -422,16 +422,3 @@ def read_signals(path: Path, block: int | None = None, sheet: str | None = None)
     if block is not None:
         raise RecordingError(f'expected a LabChart file with --block, got {path}')
     return known(path)
-
-
-def read_csv(path: Path | str, time: str, force: str, pulse: str) -> tuple[PulseTrain, ForceTrace]:
-    """Return pulses and forces of a table with columns of time [s], force [N] and gate.
-
-    Raises
-    ------
-    RecordingError
-        As `import_file`.
-    """
-    names = ImportOptions(time=time, force=force, pulse=pulse, time_unit='s', force_unit='N')
-    found = import_file(Path(path), names)
-    return found.pulses, found.forces

@@ -1,16 +1,14 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What stands beside the messages of a recording: metadata.yaml, checksums, and a signature.
+"""What stands beside the messages of a recording: metadata.yaml and checksums.
 
 metadata.yaml is believed only if it is whole and what it should be.  No YAML reader of Python
 bounds how deep it calls itself.
 
-``SHA256SUMS`` is the format of ``sha256sum --check``.  ``SHA256SUMS.hmac`` holds the HMAC-SHA256
-of that file under the key of the laboratory: it cannot be made without the key.
+``SHA256SUMS`` is the format of ``sha256sum --check``; who signs it signs the recording.
 """
 
 import hashlib
-import hmac
 import re
 from collections.abc import Iterable
 from pathlib import Path
@@ -27,15 +25,15 @@ KEY = 'rosbag2_bagfile_information'
 _LARGEST = 4_000_000
 _DEEPEST = 32
 _LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
-_REQUIRED = (
-    (1, ('version', 'storage_identifier', 'relative_file_paths', 'duration', 'starting_time')),
-    (1, ('message_count', 'topics_with_message_count')),
-    (3, ('compression_format', 'compression_mode')),
-    (5, ('files',)),
-    (6, ('custom_data',)),
-    (8, ('ros_distro',)),
-)
-"""Keys that every version of rosbag2 writes from a version on."""
+_REQUIRED = ('version', 'storage_identifier', 'relative_file_paths', 'message_count')
+_LAST = {
+    1: 'topics_with_message_count',
+    3: 'compression_mode',
+    5: 'files',
+    6: 'custom_data',
+    8: 'ros_distro',
+}
+"""The key that rosbag2 writes last, from a version on: a file without it was cut off."""
 _KINDS: dict[str, type | tuple[type, ...]] = {
     'version': int,
     'message_count': int,
@@ -121,13 +119,8 @@ def _checked(metadata: Any) -> dict[str, Any]:
     for name, kind in _KINDS.items():
         if name in metadata and not isinstance(metadata[name], kind):
             raise RecordingError(f'expected another {name}, got {metadata[name]!r:.80}')
-    version = metadata['version']
-    missing = [
-        name
-        for since, names in _REQUIRED
-        for name in names
-        if version >= since and name not in metadata
-    ]
+    last = (name for since, name in _LAST.items() if metadata['version'] >= since)
+    missing = [name for name in (*_REQUIRED, *last) if name not in metadata]
     if missing:
         raise RecordingError(f'expected {", ".join(missing)}, got no such entry')
     texts = list(metadata['relative_file_paths'])
@@ -139,19 +132,14 @@ def _checked(metadata: Any) -> dict[str, Any]:
 
 
 SUMS_NAME = 'SHA256SUMS'
-SIGNATURE_NAME = 'SHA256SUMS.hmac'
-SHORTEST_KEY = 16
 _LONGEST = 1 << 16
 _LINE = re.compile(r'([0-9a-f]{64})  ([^/\0]+)')
 
 
-def write_checksums(folder: Path, names: Iterable[str], key: bytes | None = None) -> None:
-    """Write SHA256SUMS of these files and, with a key, its signature."""
-    lines = [f'{sha256(folder / name)}  {name}\n' for name in names]
-    text = ''.join(lines).encode()
-    (folder / SUMS_NAME).write_bytes(text)
-    if key:
-        (folder / SIGNATURE_NAME).write_text(f'{signature(text, key)}\n')
+def write_checksums(folder: Path, names: Iterable[str]) -> None:
+    """Write SHA256SUMS of these files."""
+    text = ''.join(f'{sha256(folder / name)}  {name}\n' for name in names)
+    (folder / SUMS_NAME).write_text(text)
 
 
 def read_checksums(folder: Path) -> dict[str, str] | None:
@@ -165,7 +153,10 @@ def read_checksums(folder: Path) -> dict[str, str] | None:
     path = folder / SUMS_NAME
     if not path.exists():
         return None
-    lines = checksum_text(folder).decode('utf-8', 'replace').splitlines()
+    if not path.is_file():
+        raise RecordingError(f'expected a regular file {path}, got something else')
+    with path.open('rb') as file:
+        lines = file.read(_LONGEST).decode('utf-8', 'replace').splitlines()
     matches = [_LINE.fullmatch(line) for line in lines]
     found = {match[2]: match[1] for match in matches if match}
     if not found or len(found) < len(lines):
@@ -173,50 +164,7 @@ def read_checksums(folder: Path) -> dict[str, str] | None:
     return found
 
 
-def checksum_text(folder: Path) -> bytes:
-    """Return the content of SHA256SUMS, the first 64 kB of it at most."""
-    path = folder / SUMS_NAME
-    if not path.is_file():
-        raise RecordingError(f'expected a regular file {path}, got something else')
-    with path.open('rb') as file:
-        return file.read(_LONGEST)
-
-
 def sha256(path: Path) -> str:
     """Return the SHA-256 of a file as hexadecimal digits."""
     with path.open('rb') as file:
         return hashlib.file_digest(file, 'sha256').hexdigest()
-
-
-def signature(text: bytes, key: bytes) -> str:
-    """Return the HMAC-SHA256 of SHA256SUMS as hexadecimal digits."""
-    return hmac.new(key, text, hashlib.sha256).hexdigest()
-
-
-def signature_fits(folder: Path, key: bytes) -> bool | None:
-    """Tell whether the signature was made with this key; None if there is none."""
-    path = folder / SIGNATURE_NAME
-    if not path.is_file():
-        return None
-    with path.open('rb') as file:
-        found = file.read(_LONGEST).strip()
-    return hmac.compare_digest(found, signature(checksum_text(folder), key).encode())
-
-
-def read_key(path: Path) -> bytes:
-    """Return the key in a file, without white space around it.
-
-    Raises
-    ------
-    RecordingError
-        If the file cannot be read or the key is too short to protect anything.
-    """
-    try:
-        key = path.read_bytes().strip() if path.is_file() else b''
-    except OSError as error:
-        raise RecordingError(f'expected a key in {path}, got {error}') from error
-    if len(key) < SHORTEST_KEY:
-        raise RecordingError(
-            f'expected a key of {SHORTEST_KEY} bytes or more in {path}, got {len(key)}'
-        )
-    return key

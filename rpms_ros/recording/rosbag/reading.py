@@ -8,7 +8,7 @@ One hash of everything in a session that an estimator is fed with.
 """
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,17 +17,16 @@ import numpy as np
 import numpy.typing as npt
 from rosbags.serde import SerdeError
 
-from rpms_ros.axis import FORCE, UNITS
+from rpms_ros.axis import FORCE, UNITS, Axis, along, unit_vector
 from rpms_ros.errors import RecordingError
 from rpms_ros.printable import counted, printable
 from rpms_ros.pulses import (
     NANOSECONDS_PER_SECOND,
-    FloatArray,
     ForceTrace,
     IntArray,
     PulseTrain,
 )
-from rpms_ros.recording.rosbag.definitions import direction_of, force_along, types_of
+from rpms_ros.recording.rosbag.definitions import types_of
 from rpms_ros.recording.rosbag.metadata import SUMS_NAME
 from rpms_ros.recording.rosbag.records import Budget, Channel, Findings, Records
 from rpms_ros.recording.rosbag.scan import Progress, Scan, TopicFacts
@@ -75,6 +74,20 @@ class RecordedSchedule:
         return f'{self.name}, {pulses}, {self.duration_s:g} s{who}, sha256 {self.sha256}'
 
 
+def decoded(channel: Channel, records: Records) -> Iterator[Any]:
+    """Yield the messages of a channel one by one, None in place of one that cannot be decoded."""
+    try:
+        types = types_of(channel.type_name, channel.definition, channel.definition_encoding)
+    except RecordingError:
+        yield from [None] * len(records)
+        return
+    for index in range(len(records)):
+        try:
+            yield types.deserialize_cdr(records.message(index), channel.type_name)
+        except (SerdeError, ValueError, IndexError):
+            yield None
+
+
 class ScheduleReading:
     """Collects the schedules while a recording is read.
 
@@ -100,17 +113,11 @@ class ScheduleReading:
         """Keep the schedules among these messages."""
         if channel.type_name != ACCEPTED_SCHEDULE:
             return
-        try:
-            types = types_of(channel.type_name, channel.definition, channel.definition_encoding)
-        except RecordingError as error:
-            self._findings.add('undecodable_message', str(error), len(records))
-            return
-        for index in range(len(records)):
+        for message in decoded(channel, records):
             try:
-                message = types.deserialize_cdr(records.message(index), channel.type_name)
                 self._keep(channel.topic, message)
-            except (SerdeError, AttributeError, IndexError, TypeError, ValueError) as error:
-                reason = f'{channel.topic}: expected a schedule, got {type(error).__name__}'
+            except (AttributeError, TypeError, ValueError):
+                reason = f'{channel.topic}: expected a schedule that can be decoded, got another'
                 self._findings.add('undecodable_message', reason)
 
     def _keep(self, topic: str, message: Any) -> None:
@@ -305,7 +312,7 @@ def read_recording(
         If it cannot be read or lacks pulses or forces.
     """
     topics = topics or Topics()
-    direction = direction_of(axis)
+    direction = unit_vector(axis)
     if sign not in (1, -1):
         raise RecordingError(f'expected sign 1 or -1, got {sign!r}')
     if quantity not in SENSOR_TYPES:
@@ -368,16 +375,12 @@ def _pulse_train(values: TopicValues) -> PulseTrain:
 
 
 def _force_trace(
-    values: TopicValues, direction: FloatArray, sign: int, fields: tuple[str, ...]
+    values: TopicValues, direction: Axis, sign: int, fields: tuple[str, ...]
 ) -> ForceTrace:
     # Components across the axis were not read.
     nothing = np.empty(0)
     components = [np.asarray(values.number.get(path, nothing), np.float64) for path in fields]
-    force = (
-        force_along(direction, components, float(sign))
-        if len(components) == 3
-        else sign * components[0]
-    )
+    force = sign * (along(direction, components) if len(components) == 3 else components[0])
     frame_id = values.frame_ids[0] if values.frame_ids else DEFAULT_FRAME
     return ForceTrace(values.stamp_ns(), force, frame_id)
 

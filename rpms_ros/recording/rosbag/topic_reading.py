@@ -15,9 +15,9 @@ import numpy as np
 import numpy.typing as npt
 from rosbags.serde import SerdeError
 
-from rpms_ros.axis import UNITS
+from rpms_ros.axis import UNITS, Axis
 from rpms_ros.errors import RecordingError
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, IntArray
 from rpms_ros.recording.rosbag.definitions import (
     FLOAT64,
     LENGTH,
@@ -191,8 +191,8 @@ class Fields:
         """Paths of all numbers, those of the stamp included."""
         return (*self.values, SECOND, NANOSECOND) if self.stamped else self.values
 
-    def along(self, direction: FloatArray) -> 'Fields':
-        """Return the fields without the components (of three) across a direction (3,)."""
+    def along(self, direction: Axis) -> 'Fields':
+        """Return the fields without the components (of three) across a direction."""
         if len(self.values) != len(direction):
             return self
         kept = tuple(path for path, share in zip(self.values, direction, strict=True) if share)

@@ -18,7 +18,7 @@ from rpms_ros.errors import RecordingError, StimulationError
 from rpms_ros.identification.stream.pulse_checks import no_overlap
 from rpms_ros.printable import counted, printable
 from rpms_ros.pulses import PulseTrain, hash_of
-from rpms_ros.recording.rosbag.metadata import SUMS_NAME, read_checksums, sha256, signature_fits
+from rpms_ros.recording.rosbag.metadata import SUMS_NAME, read_checksums, sha256
 from rpms_ros.recording.rosbag.reading import (
     DAMAGE,
     RecordingFacts,
@@ -64,7 +64,6 @@ def _found(check: str, faults: Iterable[str], well: str) -> list[Finding]:
 def verify(
     path: Path,
     topics: Topics | None = None,
-    key: bytes | None = None,
     memory: int | None = None,
     audit: Path | None = None,
 ) -> list[Finding]:
@@ -76,8 +75,6 @@ def verify(
         Folder or storage file.
     topics : Topics, optional
         Names of the topics.
-    key : bytes, optional
-        What the recording must have been signed with.
     memory : int, optional
         What reading may take, as of `read_recording` [bytes].
     audit : Path, optional
@@ -93,7 +90,7 @@ def verify(
     count = sum(topic.count for topic in facts.topics)
     structure = f'{count} messages on {len(facts.topics)} topics, {facts.storage}'
     findings = _found('structure', facts.remarks, structure)
-    findings += [*_checksums(folder, facts), _signature(folder, key), *_publishers(facts)]
+    findings += [*_checksums(folder, facts), *_publishers(facts)]
     findings += _found('lost', _lost(facts), 'the recorder tells of nothing')
     # a text that does not fit its hash is among the remarks already
     findings += [Finding('schedule', OK, str(one)) for one in facts.schedules] or [
@@ -140,21 +137,6 @@ def _fits(path: Path, digest: str) -> bool:
         return path.is_file() and sha256(path) == digest
     except OSError:
         return False
-
-
-def _signature(folder: Path, key: bytes | None) -> Finding:
-    try:
-        fits = signature_fits(folder, key or b'')
-    except (OSError, RecordingError) as error:
-        return Finding('signature', FAULT, printable(str(error)))
-    if key is None:
-        text = 'not signed' if fits is None else 'signed; --key checks it'
-        return Finding('signature', UNKNOWN, text)
-    if fits is None:
-        return Finding('signature', FAULT, 'expected a signature, got none')
-    if not fits:
-        return Finding('signature', FAULT, 'not made with the key')
-    return Finding('signature', OK, 'made with the key')
 
 
 def _publishers(facts: RecordingFacts) -> list[Finding]:

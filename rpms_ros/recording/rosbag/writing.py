@@ -20,15 +20,14 @@ from mcap.writer import CompressionType, Writer
 from rosbags.interfaces import Qos
 from rosbags.rosbag2.metadata import dump_qos_v9
 
-from rpms_ros.axis import FORCE, UNITS
+from rpms_ros.axis import FORCE, UNITS, Axis, unit_vector
 from rpms_ros.errors import RecordingError
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, ForceTrace, IntArray, PulseTrain
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, ForceTrace, IntArray, PulseTrain
 from rpms_ros.recording.rosbag.definitions import (
     ENCODING,
     LENGTH,
     PULSE,
     WRENCH_STAMPED,
-    direction_of,
     fields_of,
     known_types,
     record_type,
@@ -50,21 +49,21 @@ def encode_pulses(pulses: PulseTrain, frame_id: str) -> Records:
     return _encode(PULSE, pulses.onset_ns, frame_id, values)
 
 
-def encode_forces(forces: ForceTrace, axis: FloatArray, quantity: str = FORCE) -> Records:
+def encode_forces(forces: ForceTrace, axis: Axis, quantity: str = FORCE) -> Records:
     """Return one geometry_msgs/WrenchStamped a sample, received at its stamp.
 
     Parameters
     ----------
     forces : ForceTrace
         Samples.
-    axis : ndarray, shape (3,)
+    axis : three floats
         Unit vector of the force in the frame of the sensor.
     quantity : str
         ``force``, or ``torque`` of a dynamometer, which is about the axis.
     """
     values = {
         f'wrench.{quantity}.{name}': forces.force * share
-        for name, share in zip('xyz', axis.tolist(), strict=True)
+        for name, share in zip('xyz', axis, strict=True)
         # Infinity times nothing is no number.
         if share
     }
@@ -172,8 +171,6 @@ class RecordingWriter:
         Of the chunks: empty, ``lz4`` or ``zstd``.
     custom : mapping of str to str, optional
         Notes for people, kept in metadata.yaml.
-    key : bytes, optional
-        Signs the recording.
 
     Raises
     ------
@@ -186,11 +183,9 @@ class RecordingWriter:
         path: Path | str,
         compression: str = '',
         custom: Mapping[str, str] | None = None,
-        key: bytes | None = None,
     ) -> None:
         self.path = Path(path)
         self.custom = dict(custom or {})
-        self._key = key
         self._schemas: dict[str, int] = {}
         self._topics: dict[int, _Topic] = {}
         self._span_ns: tuple[int, int] | None = None
@@ -282,7 +277,7 @@ class RecordingWriter:
                 self._file.close()
             text = _as_yaml({KEY: content})
             (self.path / NAME).write_text(text, 'utf-8')
-            write_checksums(self.path, (self._name, NAME), self._key)
+            write_checksums(self.path, (self._name, NAME))
         except OSError as error:
             raise self._error(error) from error
 
@@ -419,7 +414,6 @@ def write_recording(
     compression: str = '',
     axis: str | Sequence[float] = 'z',
     custom: Mapping[str, str] | None = None,
-    key: bytes | None = None,
     further: Sequence['FurtherTopic'] = (),
     quantity: str = FORCE,
 ) -> None:
@@ -435,7 +429,7 @@ def write_recording(
         Go to topic ``/pulses``.
     forces : ForceTrace
         Go to topic ``/force``.
-    compression, custom, key
+    compression, custom
         As in `RecordingWriter`.
     axis : str or sequence of float
         Axis of the force in the frame of the sensor.
@@ -453,9 +447,9 @@ def write_recording(
         raise RecordingError(f'expected a quantity of {", ".join(UNITS)}, got {quantity}')
     encoded = {
         (PULSES_TOPIC, PULSE): encode_pulses(pulses, PULSE_FRAME),
-        (FORCE_TOPIC, WRENCH_STAMPED): encode_forces(forces, direction_of(axis), quantity),
+        (FORCE_TOPIC, WRENCH_STAMPED): encode_forces(forces, unit_vector(axis), quantity),
     }
-    with RecordingWriter(path, compression, custom, key) as writer:
+    with RecordingWriter(path, compression, custom) as writer:
         topics = {writer.add_topic(*topic): part for topic, part in encoded.items()}
         for topic in further:
             number = writer.add_topic(topic.name, topic.type_name)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
+import rpms_ros
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.analysis import analyze
 from rpms_ros.identification.analysis.dynamics import TrainDynamics, train_dynamics
@@ -25,7 +26,6 @@ from rpms_ros.identification.analysis.trains import (
 )
 from rpms_ros.muscle import twitch
 from rpms_ros.pulses import ForceTrace, PulseTrain
-from rpms_ros.recording.importing import read_csv
 
 LATENCY, CONSTANT = 0.0105, 0.030
 
@@ -260,7 +260,8 @@ def test_noise_hides_an_onset():
 @pytest.mark.skipif(not TRIALS, reason=f'no recordings in {FOLDER} (set RPMS_RECORDINGS)')
 @pytest.mark.parametrize('trial', TRIALS[::5], ids=lambda path: path.stem)
 def test_real_force_leaves_its_baseline_within_four_milliseconds(trial):
-    found = found_in(*read_csv(trial, *COLUMNS))
+    session = rpms_ros.load(trial, columns=COLUMNS)
+    found = found_in(session.pulses, session.force)
     assert found.model == 'history law'
     assert found.fit_percent > 94.0
     assert found.onset_s is not None
