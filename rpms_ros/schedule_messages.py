@@ -19,13 +19,12 @@ from rpms_ros.messages import MessageTypes
 from rpms_ros.stimulation.schedule.description import (
     DEEPEST_REPEAT,
     SEGMENT_KINDS,
-    built,
     segment_from_mapping,
 )
 from rpms_ros.stimulation.schedule.fields import (
     DescriptionError,
     bounded_names,
-    read_bounded,
+    build,
     read_text,
 )
 from rpms_ros.stimulation.schedule.schedule import LONGEST_NAME, Repeat, Schedule, Segment
@@ -74,7 +73,7 @@ def schedule_of(message: Any) -> Schedule:
         values['width_s'] = message.width_s
     name = read_text(values, 'name', '', LONGEST_NAME)
     items = _items(entries, 0, len(entries), 0)
-    return built(Schedule, read_bounded(Schedule, values, ''), '', items, name=name)
+    return build(Schedule, values, '', items, name=name)
 
 
 def schedule_message(schedule: Schedule, types: MessageTypes) -> Any:
@@ -107,7 +106,7 @@ def _items(entries: Sequence[Entry], start: int, stop: int, depth: int) -> Items
                 f'got {entry["length"]}',
             )
         inner = _items(entries, index, end, depth + 1)
-        items.append(built(Repeat, read_bounded(Repeat, entry, place), place, inner))
+        items.append(build(Repeat, entry, place, inner))
         index = end
     return tuple(items)
 

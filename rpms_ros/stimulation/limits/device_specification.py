@@ -15,7 +15,7 @@ from rpms_ros.stimulation.schedule.fields import (
     DescriptionError,
     as_mapping,
     bounded_names,
-    read_bounded,
+    build,
     read_flag,
     read_part,
     read_text,
@@ -96,22 +96,17 @@ def _read(content: object) -> DeviceSpecification:
     sources = _sources(document, figures)
     if not simulated_only:
         _refuse_gaps(limits, thermal)
-    try:
-        bounds = Limits(**read_bounded(Limits, limits, 'limits'))
-    except DescriptionError:
-        raise
-    except StimulationError as fault:
-        raise DescriptionError('limits', str(fault)) from fault
+    serial = ''
+    if 'serial_number' in document:
+        serial = read_text(document, 'serial_number', '', LONGEST_NAME)
     return DeviceSpecification(
         name=read_text(document, 'name', '', LONGEST_NAME),
         description=read_text(document, 'description', '', LONGEST_TEXT),
-        limits=bounds,
+        limits=build(Limits, limits, 'limits'),
         thermal=None if thermal is None else read_part(CoilThermal, thermal, 'thermal'),
         simulated_only=simulated_only,
         sources=sources,
-        serial_number=read_text(document, 'serial_number', '', LONGEST_NAME)
-        if 'serial_number' in document
-        else '',
+        serial_number=serial,
     )
 
 

@@ -30,7 +30,7 @@ from rpms_ros.stimulation.schedule.fields import (
     DescriptionError,
     as_mapping,
     bounded,
-    read_bounded,
+    build,
     read_part,
     read_text,
     refuse_unknown,
@@ -40,10 +40,7 @@ from rpms_ros.strict_yaml import shown
 LONGEST_VALIDITY_DAYS = 366
 _SHARE = Bound(0.0, 1.0, above=True)
 _IDENTIFIER = re.compile(r'[A-Za-z0-9][A-Za-z0-9._-]*')
-_KEYS = [
-    'identifier', 'device', 'motor_threshold', 'largest_comfortable', 'dose', 'rest', 'set_by',
-    'set_on', 'expires',
-]  # fmt: skip
+_TEXTS = ('identifier', 'device', 'set_by')
 
 
 @dataclass(frozen=True)
@@ -139,16 +136,15 @@ def patient_from_mapping(content: object) -> Patient:
         If something is missing, unknown or out of its bound; names the place.
     """
     document = as_mapping(content, '')
-    refuse_unknown(document, _KEYS, '')
-    return Patient(
-        identifier=read_text(document, 'identifier', '', LONGEST_NAME),
-        device=read_text(document, 'device', '', LONGEST_NAME),
-        **read_bounded(Patient, document, ''),
+    refuse_unknown(document, [entry.name for entry in dataclasses.fields(Patient)], '')
+    return build(
+        Patient,
+        document,
+        '',
+        **{name: read_text(document, name, '', LONGEST_NAME) for name in _TEXTS},
+        **{name: _day(document, name) for name in ('set_on', 'expires')},
         dose=read_part(DoseLimits, document.get('dose'), 'dose'),
         rest=read_part(Rest, document.get('rest'), 'rest'),
-        set_by=read_text(document, 'set_by', '', LONGEST_NAME),
-        set_on=_day(document, 'set_on'),
-        expires=_day(document, 'expires'),
     )
 
 

@@ -25,7 +25,7 @@ from rpms_ros.stimulation.schedule.fields import (
     DescriptionError,
     as_mapping,
     bounded_names,
-    read_bounded,
+    build,
     read_text,
     refuse_unknown,
 )
@@ -133,7 +133,7 @@ def schedule_from_mapping(content: object) -> Schedule:
     named = {'name': 'schedule', **document}
     name = read_text(named, 'name', '', LONGEST_NAME)
     segments = _segments(document.get('segments'), 'segments', 0)
-    return built(Schedule, read_bounded(Schedule, document, ''), '', segments, name=name)
+    return build(Schedule, document, '', segments, name=name)
 
 
 def schedule_from_text(text: str) -> Schedule:
@@ -184,7 +184,7 @@ def _segment(content: object, place: str, depth: int) -> Segment | Repeat:
     if kind == 'repeat':
         refuse_unknown(mapping, ['kind', 'segments', 'times'], place)
         inner = _segments(mapping.get('segments'), join(place, 'segments'), depth + 1)
-        return built(Repeat, read_bounded(Repeat, mapping, place), place, inner)
+        return build(Repeat, mapping, place, inner)
     return segment_from_mapping(mapping, place)
 
 
@@ -202,19 +202,7 @@ def segment_from_mapping(mapping: Mapping[str, object], place: str) -> Segment:
         raise DescriptionError(join(place, 'kind'), f'expected one of {known}, got {shown(kind)}')
     chosen = SEGMENT_KINDS[kind]
     refuse_unknown(mapping, ['kind', *bounded_names(chosen)], place)
-    return built(chosen, read_bounded(chosen, mapping, place), place)
-
-
-def built(
-    build: Callable[..., Built], values: Mapping[str, Any], place: str, *inner: Any, **names: str
-) -> Built:
-    """Build a dataclass; a fault of several fields together is named by the place of the whole."""
-    try:
-        return build(*inner, **names, **values)
-    except DescriptionError:
-        raise
-    except StimulationError as fault:
-        raise DescriptionError(place, str(fault)) from fault
+    return build(chosen, mapping, place)
 
 
 def _described(item: Segment | Repeat) -> dict[str, Any]:

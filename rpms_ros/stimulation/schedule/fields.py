@@ -8,8 +8,8 @@ fault is named by its place, as in ``segments[2].rate_hz``.
 """
 
 import math
-from collections.abc import Mapping
-from dataclasses import MISSING, Field, dataclass, field, fields
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, dataclass, field, fields
 from typing import Any, TypeVar
 
 from rpms_ros.errors import StimulationError
@@ -179,24 +179,33 @@ def read_flag(content: Mapping[str, object], key: str, place: str, default: bool
     return value
 
 
-def read_bounded(kind: type, content: Mapping[str, object], place: str) -> dict[str, Any]:
-    """Return the keyword arguments of dataclass ``kind`` that ``content`` holds, each checked.
+def build(
+    kind: Callable[..., Part],
+    content: Mapping[str, object],
+    place: str,
+    *inner: object,
+    **more: object,
+) -> Part:
+    """Return the dataclass whose bounded fields a mapping describes, with what is given besides.
 
     Raises
     ------
     DescriptionError
-        If a required one is missing or one is out of its bound.
+        Names the place of the field that is missing or out of bounds; of a fault of several
+        together, the place of the whole.
     """
-    values: dict[str, Any] = {}
-    for entry in fields(kind):
-        bound = entry.metadata.get('bound')
-        if bound is None:
-            continue
-        if entry.name in content:
-            values[entry.name] = bound.read(content[entry.name], join(place, entry.name))
-        elif _required(entry):
+    entries = [entry for entry in fields(kind) if 'bound' in entry.metadata]  # type: ignore[arg-type]
+    for entry in entries:
+        if entry.name not in content and entry.default is MISSING:
+            bound = entry.metadata['bound']
             raise DescriptionError(join(place, entry.name), f'expected {bound}, got nothing')
-    return values
+    values = {entry.name: content[entry.name] for entry in entries if entry.name in content}
+    try:
+        return kind(*inner, **more, **values)
+    except DescriptionError as fault:
+        raise DescriptionError(join(place, fault.place), fault.fault) from fault
+    except StimulationError as fault:
+        raise DescriptionError(place, str(fault)) from fault
 
 
 def read_part(kind: type[Part], content: object, place: str) -> Part:
@@ -205,17 +214,13 @@ def read_part(kind: type[Part], content: object, place: str) -> Part:
     Raises
     ------
     DescriptionError
-        If it is no mapping, or something is missing, unknown or out of its bound.
+        As `build` does, and for unknown names.
     """
     mapping = as_mapping(content, place)
     refuse_unknown(mapping, bounded_names(kind), place)
-    return kind(**read_bounded(kind, mapping, place))
+    return build(kind, mapping, place)
 
 
 def bounded_names(kind: type) -> list[str]:
     """Return the names of the bounded fields of a dataclass."""
     return [entry.name for entry in fields(kind) if 'bound' in entry.metadata]
-
-
-def _required(entry: 'Field[Any]') -> bool:
-    return entry.default is MISSING and entry.default_factory is MISSING
