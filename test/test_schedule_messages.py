@@ -94,7 +94,7 @@ def test_what_is_left_empty_takes_what_a_file_takes() -> None:
 def test_an_intensity_that_is_not_given_is_zero() -> None:
     """A file takes 1.0 there; a message cannot tell whether somebody wrote its zero."""
     schedule = schedule_of(ScheduleMessage(segments=[train(intensity=0.0)]))
-    assert schedule.totals.highest_intensity == 0.0
+    assert schedule.plan.intensity.max(initial=0.0) == 0.0
 
 
 @pytest.mark.parametrize(

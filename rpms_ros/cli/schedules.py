@@ -96,10 +96,10 @@ def run_protocol(arguments: argparse.Namespace) -> int:
         raise StimulationError(
             f'expected a file to write, got {arguments.out}: {error}'
         ) from error
-    totals = schedule.totals
+    plan = schedule.plan
     print(
-        f'{arguments.out}: {counted(totals.pulses, "pulse")} in {totals.duration:g} s, '
-        f'at most {totals.highest_rate_hz:.4g} Hz and intensity {totals.highest_intensity:.3g}'
+        f'{arguments.out}: {counted(len(plan), "pulse")} in {plan.duration_s:g} s, '
+        f'at most {plan.highest_rate_hz:.4g} Hz and intensity {plan.intensity.max(initial=0):.3g}'
     )
     return 0
 

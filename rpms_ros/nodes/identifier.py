@@ -159,6 +159,9 @@ class IdentifierParameters(NodeParameters):
         except IdentificationError as error:
             raise NodeError(f'parameter preset: {error}') from error
         super().__post_init__()
+        folder = self.state_folder
+        if folder and not Path(folder).expanduser().is_dir():
+            raise NodeError(f'parameter state_folder: expected a folder, got {folder!r}')
         try:
             monitors_by_name(stream_settings(self).monitors)
             unit_vector(self.axis)
@@ -355,69 +358,32 @@ def doubts_in_words(estimate: Estimate | None) -> str:
 
 
 _LONGEST_PATH = 255
-Act = Callable[[Path], None]
 
 
-class StateServices:
-    """Serves `~/save_state` and `~/load_state` for a node.
-
-    Parameters
-    ----------
-    node : Node
-        Node that serves them.
-    folder : str
-        Folder of the files; empty: both services refuse.
-    save, load : callable
-        Called with the path of a file; raise RpmsError.
+def state_path(folder: str, asked: str) -> Path:
+    """Return the file of a state that is asked for within a folder, symbolic links resolved.
 
     Raises
     ------
     NodeError
-        If the folder does not exist.
+        If there is no folder, or the file is none within it.
     """
-
-    def __init__(self, node: Node, folder: str, save: Act, load: Act) -> None:
-        self._node = node
-        self._folder = Path(folder).expanduser().resolve() if folder else None
-        if self._folder is not None and not self._folder.is_dir():
-            raise NodeError(f'parameter state_folder: expected a folder, got {folder!r}')
-        node.create_service(StateFile, '~/save_state', self._answering('saved to', save))
-        node.create_service(StateFile, '~/load_state', self._answering('loaded from', load))
-
-    def _answering(
-        self, done: str, act: Act
-    ) -> Callable[[StateFile.Request, Any], StateFile.Response]:
-        def answer(request: StateFile.Request, response: StateFile.Response) -> StateFile.Response:
-            try:
-                path = self._path(request.path)
-                act(path)
-            except RpmsError as error:
-                response.message = plain_text(error)
-                logger_of(self._node).warning(f'refused: {response.message}')
-                return response
-            response.success, response.message = True, plain_text(f'{done} {path}')
-            logger_of(self._node).info(response.message)
-            return response
-
-        return answer
-
-    def _path(self, asked: str) -> Path:
-        """Return the requested file, symbolic links resolved."""
-        if self._folder is None:
-            raise NodeError('expected parameter state_folder, in which states are kept, got none')
-        if not (0 < len(asked) <= _LONGEST_PATH and asked.isprintable()):
-            raise NodeError(
-                f'expected a path of 1 to {_LONGEST_PATH} printable characters, got {len(asked)}'
-            )
-        refused = NodeError(f'expected a file within {self._folder}, got {asked}')
-        try:
-            path = (self._folder / asked).resolve()
-        except (OSError, RuntimeError) as error:
-            # a link that leads to itself; what a callback raises would end the node
-            raise refused from error
-        if path == self._folder or not path.is_relative_to(self._folder):
-            raise refused
-        return path
+    if not folder:
+        raise NodeError('expected parameter state_folder, in which states are kept, got none')
+    if not (0 < len(asked) <= _LONGEST_PATH and asked.isprintable()):
+        raise NodeError(
+            f'expected a path of 1 to {_LONGEST_PATH} printable characters, got {len(asked)}'
+        )
+    kept = Path(folder).expanduser().resolve()
+    refused = NodeError(f'expected a file within {kept}, got {asked}')
+    try:
+        path = (kept / asked).resolve()
+    except (OSError, RuntimeError) as error:
+        # a link that leads to itself; what a callback raises would end the node
+        raise refused from error
+    if path == kept or not path.is_relative_to(kept):
+        raise refused
+    return path
 
 
 # Silence of the force after which somebody should look at the sensor [s].
@@ -458,9 +424,14 @@ class Identifier(NodeOfParts):
         self._hearing = Hearing(self, self._axis, self.settings.quantity)
         self._parts.callback(self._hearing.close)
         self._senders = Publishers(self)
-        for name, act in (('reset', self._reset), ('hold', self._hold), ('resume', self._resume)):
-            self.create_service(Trigger, f'~/{name}', _answering(act))
-        StateServices(self, self.settings.state_folder, self._save, self._load)
+        for name, kind, act in (
+            ('reset', Trigger, lambda _: self._reset()),
+            ('hold', Trigger, lambda _: self._hold()),
+            ('resume', Trigger, lambda _: self._resume()),
+            ('save_state', StateFile, lambda request: self._save(request.path)),
+            ('load_state', StateFile, lambda request: self._load(request.path)),
+        ):
+            self.create_service(kind, f'~/{name}', self._answering(act))
         follow_parameters(self, self.settings, self._change)
         every(self, _LOOK_PERIOD, self._process)
         every(self, PERIOD_S, self._report)
@@ -477,7 +448,7 @@ class Identifier(NodeOfParts):
     def _reset(self) -> str:
         """Forget everything and start again, as after a change of the electrode or the coil."""
         self._begin(build_stream(self.settings))
-        return self._said('reset: the identification starts again')
+        return 'reset: the identification starts again'
 
     def _begin(self, stream: IdentificationStream) -> None:
         self.stream = stream
@@ -486,32 +457,46 @@ class Identifier(NodeOfParts):
         self._reported = {}
         self._last = None
 
-    def _save(self, path: Path) -> None:
+    def _save(self, asked: str) -> str:
         """Save what is known after all that has come."""
+        path = state_path(self.settings.state_folder, asked)
         # estimates that are due belong to what was before
         self._process()
         save(path, self.stream)
+        return f'saved to {path}'
 
-    def _load(self, path: Path) -> None:
+    def _load(self, asked: str) -> str:
         """Go on from a saved state; if it is refused, from the present one."""
+        path = state_path(self.settings.state_folder, asked)
         stream = build_stream(self.settings)
         load(path, stream)
         self._begin(stream)
+        return f'loaded from {path}'
 
     def _hold(self) -> str:
         """Predict and do not learn, while somebody moves the coil, say."""
         self._take()
         self.stream.hold()
-        return self._said('held: predicts, does not learn')
+        return 'held: predicts, does not learn'
 
     def _resume(self) -> str:
         self._take()
         self.stream.resume()
-        return self._said('resumed: learns')
+        return 'resumed: learns'
 
-    def _said(self, line: str) -> str:
-        logger_of(self).info(line)
-        return line
+    def _answering(self, act: Callable[[Any], str]) -> Callable[[Any, Any], Any]:
+        """Return the callback of a service that does something and answers what it did."""
+
+        def answer(request: Any, response: Any) -> Any:
+            try:
+                response.message, response.success = plain_text(act(request)), True
+                logger_of(self).info(response.message)
+            except RpmsError as error:
+                response.message = plain_text(error)
+                logger_of(self).warning(f'refused: {response.message}')
+            return response
+
+        return answer
 
     def _change(self, settings: IdentifierParameters) -> None:
         self.settings = settings
@@ -585,17 +570,6 @@ class Identifier(NodeOfParts):
         self._diagnostics.publish(
             identifier_health(self._last, faults, silence > _SILENCE, self.stream.held)
         )
-
-
-def _answering(act: Callable[[], str]) -> Callable[[Trigger.Request, Any], Trigger.Response]:
-    """Return the callback of a service that does something and answers what it did."""
-
-    def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.message = act()
-        response.success = True
-        return response
-
-    return answer
 
 
 def main() -> int:

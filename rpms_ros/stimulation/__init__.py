@@ -17,7 +17,7 @@ from rpms_ros.stimulation.schedule.protocols import (
     paper_sinusoid,
     staircase,
 )
-from rpms_ros.stimulation.schedule.schedule import Pause, Plan, Repeat, Schedule, Segment, Totals
+from rpms_ros.stimulation.schedule.schedule import Pause, Plan, Repeat, Schedule, Segment
 from rpms_ros.stimulation.schedule.segments import (
     Constant,
     Doublet,
@@ -46,7 +46,6 @@ __all__ = [
     'Single',
     'Sinusoid',
     'Staircase',
-    'Totals',
     'UniformRandom',
     'constant',
     'load_schedule',

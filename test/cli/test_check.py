@@ -66,7 +66,7 @@ def test_json_is_one_object_with_its_keys(written, rpms):
 def test_options_change_a_protocol_or_are_refused(written, rpms, tmp_path):
     changed = written('uniform_random', '--rate', '10', '--duration', '5', '--seed', '7')
     assert load_schedule(changed) == paper_random(duration_s=5.0, rate_hz=10.0, seed=7)
-    assert load_schedule(written('recruitment', '--rate', '20')).totals.highest_rate_hz == 20.0
+    assert load_schedule(written('recruitment', '--rate', '20')).plan.highest_rate_hz == 20.0
     code, _, err = rpms('protocol', 'staircase', '--seed', 3, '--out', tmp_path / 'new.yaml')
     assert (code, 'expected no --seed with staircase, got 3' in err) == (2, True)
 

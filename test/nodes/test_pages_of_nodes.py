@@ -92,7 +92,7 @@ def test_the_page_holds_every_transition(state):
 
 def test_schedule_and_patient_on_the_page_can_be_read():
     schedule, patient = re.findall(r'```yaml\n(.*?)```', DRIVER_PAGE, re.DOTALL)
-    assert schedule_from_text(schedule).totals.duration == pytest.approx(41.0, abs=1e-9)
+    assert schedule_from_text(schedule).plan.duration_s == pytest.approx(41.0, abs=1e-9)
     assert from_text(patient, patient_from_mapping).identifier == 'P01'
 
 
@@ -106,7 +106,7 @@ def test_the_goal_on_the_page_is_three_trains_and_their_pauses():
     exec(code, found)
     schedule = schedule_of(found['goal'].typed_schedule)
     # each: 2 s of pulses at 20 Hz, then 5 s without
-    assert (schedule.totals.pulses, schedule.totals.duration) == (120, 21.0)
+    assert (schedule.pulse_count, schedule.plan.duration_s) == (120, 21.0)
 
 
 def test_the_file_of_parameters_is_complete_and_names_defaults():
@@ -135,8 +135,8 @@ def test_the_rehearsal_gives_one_pulse_and_ends_as_the_page_says(driver_bench):
 
 def test_files_of_the_page_are_read():
     air, phantom, nobody, driver = re.findall(r'```yaml\n(.*?)```', PULSE_PAGE, re.DOTALL)
-    assert schedule_from_text(air).totals.pulses == 1
-    assert schedule_from_text(phantom).totals.pulses == 30
+    assert schedule_from_text(air).pulse_count == 1
+    assert schedule_from_text(phantom).pulse_count == 30
     assert from_text(nobody, patient_from_mapping).largest_comfortable == 0.3
     given = yaml.safe_load(driver)[DRIVER]['ros__parameters']
     settings = DriverParameters(**{**given, 'stop_buttons': tuple(given['stop_buttons'])})

@@ -149,16 +149,14 @@ def forecast_plan(plan: Plan, width_s: float, trial: 'Trial', start_ns: int = 0)
         found.setdefault(limit, (reason, float(onset_ns) / NANOSECONDS_PER_SECOND))
         # the end is no pulse
         pulses[limit] += index < len(plan)
-    gaps = np.diff(plan.onset_ns)
-    duration = plan.duration_ns / NANOSECONDS_PER_SECOND
     energy = trial.limits.pulse_energy_j * float(np.square(plan.intensity).sum())
     return Forecast(
         violations=tuple(Violation(name, *first, pulses[name]) for name, first in found.items()),
         pulses=len(plan),
-        duration_s=duration,
+        duration_s=plan.duration_s,
         energy_j=energy,
-        mean_power_w=energy / duration,
-        max_rate_hz=NANOSECONDS_PER_SECOND / float(gaps.min()) if len(gaps) else 0.0,
+        mean_power_w=energy / plan.duration_s,
+        max_rate_hz=plan.highest_rate_hz,
         waits_s=tuple(trial.waits_s),
         temperature=np.array(trial.celsius),
     )

@@ -128,28 +128,6 @@ class Repeat(Bounded):
 
 
 @dataclass(frozen=True)
-class Totals:
-    """What a schedule adds up to, before anything fires.
-
-    Attributes
-    ----------
-    pulses : int
-        Number of pulses.
-    duration : float
-        Length [s].
-    highest_rate_hz : float
-        Largest rate between two neighbouring pulses [Hz]; 0 with fewer than two.
-    highest_intensity : float
-        Largest share of the maximum.
-    """
-
-    pulses: int
-    duration: float
-    highest_rate_hz: float
-    highest_intensity: float
-
-
-@dataclass(frozen=True)
 class Plan:
     """A schedule worked out, pulse by pulse.
 
@@ -172,6 +150,17 @@ class Plan:
 
     def __len__(self) -> int:
         return len(self.onset_ns)
+
+    @property
+    def duration_s(self) -> float:
+        """Length [s]."""
+        return self.duration_ns / NANOSECONDS_PER_SECOND
+
+    @property
+    def highest_rate_hz(self) -> float:
+        """Largest rate between two pulses [Hz], 0 with fewer than two."""
+        gaps = np.diff(self.onset_ns)
+        return NANOSECONDS_PER_SECOND / float(gaps.min()) if len(gaps) else 0.0
 
 
 @dataclass(frozen=True)
@@ -228,19 +217,6 @@ class Schedule(Bounded):
     def plan(self) -> Plan:
         """All pulses; the same for the same description and seed."""
         return _worked_out(self)
-
-    @cached_property
-    def totals(self) -> Totals:
-        """What the pulses add up to."""
-        plan = self.plan
-        gaps = np.diff(plan.onset_ns)
-        some = len(plan) > 0
-        return Totals(
-            pulses=len(plan),
-            duration=plan.duration_ns / NANOSECONDS_PER_SECOND,
-            highest_rate_hz=NANOSECONDS_PER_SECOND / float(gaps.min()) if len(gaps) else 0.0,
-            highest_intensity=float(plan.intensity.max()) if some else 0.0,
-        )
 
     def pulses(self, start_ns: int = 0) -> PulseTrain:
         """Return the pulses of the schedule when it starts at ``start_ns`` [ns]."""
