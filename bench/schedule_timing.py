@@ -36,7 +36,6 @@ def main(argv=None):
     parser.add_argument('--load', type=int, default=2, help='busy processes beside the driver')
     parser.add_argument('--rate', type=float, default=20.0, help='[Hz]')
     parser.add_argument('--baud', type=float, default=9600.0, help='of the line')
-    parser.add_argument('--priority', type=int, default=0, help='real-time priority to ask for')
     arguments = parser.parse_args(argv)
     schedule = str(Path(tempfile.mkdtemp()) / 'train.yaml')
     train = constant(0.3, arguments.duration, arguments.rate)
@@ -46,7 +45,6 @@ def main(argv=None):
         'require_stop_button': 'false',
         'lateness_limit': LATENESS_LIMIT_S,
         'autostart': 'true',
-        'realtime_priority': arguments.priority,
         'schedule_file': schedule,
         # twice the rate: the lateness is measured, not the rate limit
         'maximum_rate': 2 * arguments.rate,

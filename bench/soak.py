@@ -27,6 +27,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / 'test'))
+
+import graphs
 from soak_clinic import Clinic
 from soak_laboratory import FAULTS, STEP_NS, Laboratory
 
@@ -46,27 +50,12 @@ _WAITING = 2 + math.ceil(_STREAM.reorder_delay / _STREAM.estimate_period)
 _NODE_ONLY = (faults.FORCE_PUBLISHERS, faults.PULSE_PUBLISHERS)
 
 
-class Graph:
-    """Nodes in one persistent executor, in a domain of their own."""
+class Graph(graphs.Graph):
+    """Nodes in one persistent executor, which come and go."""
 
-    def __init__(self, context):
-        from rclpy.experimental.events_executor import EventsExecutor
-
-        self.context = context
+    def __init__(self, context, executor):
+        super().__init__(context, executor)
         self.between = []
-        self._executor = EventsExecutor(context=context)
-        self._nodes = []
-
-    def add(self, build, **parameters):
-        from rclpy.parameter import Parameter
-
-        overrides = [Parameter(name, value=value) for name, value in parameters.items()]
-        node = build(
-            context=self.context, parameter_overrides=overrides, use_global_arguments=False
-        )
-        self._nodes.append(node)
-        self._executor.add_node(node)
-        return node
 
     def remove(self, node):
         self._nodes.remove(node)
@@ -76,41 +65,26 @@ class Graph:
             self._executor.spin_once(timeout_sec=0.0)
         node.destroy_node()
 
-    def wait_for(self, predicate, timeout_s=120.0):
-        end = time.monotonic() + timeout_s
-        while not predicate():
-            if time.monotonic() > end:
-                raise TimeoutError(f'expected an event within {timeout_s} s, got none')
-            self._executor.spin_once(timeout_sec=0.002)
+    def wait_for(self, predicate, timeout=120.0):
+        def looked():
             for call in self.between:
                 call()
+            return predicate()
 
-    def close(self):
-        for node in reversed(self._nodes):
-            self._executor.remove_node(node)
-            node.destroy_node()
-        self._executor.shutdown()
+        super().wait_for(looked, timeout)
 
 
 @contextlib.contextmanager
 def running_graph():
     """A graph in a private domain."""
-    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    from rpms_ros.nodes.common.runner import free_domain, use_fast_discovery
+    from rclpy.experimental.events_executor import EventsExecutor
 
-    use_fast_discovery()
-    import rclpy
-    from rclpy.context import Context
-
-    context = Context()
-    with free_domain() as domain:
-        rclpy.init(args=[], context=context, domain_id=domain)
-        graph = Graph(context)
+    with graphs.private_domain() as domain, graphs.private_context(domain) as context:
+        graph = Graph(context, EventsExecutor(context=context))
         try:
             yield graph
         finally:
             graph.close()
-            context.try_shutdown()
 
 
 def resident_mb():

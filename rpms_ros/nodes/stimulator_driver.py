@@ -48,7 +48,6 @@ from rpms_ros.nodes.driver.reports import (
     DriverAudit,
     DriverReports,
     PulsePublisher,
-    ask_for_realtime,
 )
 from rpms_ros.nodes.driver.watch import WATCH_TIMEOUT_S, DriverWatch
 from rpms_ros.stimulation import Schedule, load_schedule
@@ -228,11 +227,6 @@ class StimulatorDriver(GuardedLifecycleNode):
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Open the device."""
         self._threads.start()
-        # before the device is open: a guard inherits the priority of the thread that starts it
-        if self.settings.realtime_priority > 0:
-            denied = ask_for_realtime(self.settings.realtime_priority)
-            if denied:
-                logger_of(self).warning(denied)
         done = self._try(self._configure)
         if done is not TransitionCallbackReturn.SUCCESS:
             return done

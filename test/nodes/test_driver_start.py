@@ -2,11 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a driver is started with, and the whole of it on a serial line: node, guard, instrument."""
 
-import contextlib
-import os
 import time
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from lifecycle_msgs.msg import Transition
@@ -21,7 +18,6 @@ from rpms_ros.nodes.driver.parameters import (
     patience_s,
     session_of,
 )
-from rpms_ros.nodes.driver.reports import ask_for_realtime
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.stimulation import constant
 from rpms_ros.stimulation.devices.serial_line import SerialDevice
@@ -31,34 +27,7 @@ TRAIN = constant(0.1, 20.0, 10.0)
 
 
 @pytest.fixture
-def more():
-    """Parameters of the driver beside those below."""
-    return {}
-
-
-@pytest.fixture
-def batch(monkeypatch):
-    """A priority that needs no right, asked for in place of SCHED_FIFO."""
-
-    def put_under(policy):
-        for task in Path('/proc/self/task').iterdir():
-            # one may have ended meanwhile
-            with contextlib.suppress(ProcessLookupError):
-                os.sched_setscheduler(int(task.name), policy, os.sched_param(0))
-        return ''
-
-    monkeypatch.setattr(
-        'rpms_ros.nodes.stimulator_driver.ask_for_realtime',
-        lambda _priority: put_under(os.SCHED_BATCH),
-    )
-    yield
-    put_under(os.SCHED_OTHER)
-
-
-@pytest.fixture
-def theatre(
-    driver_bench, instrument, patient_file, specification_file, tmp_path, monkeypatch, more
-):
+def theatre(driver_bench, instrument, patient_file, specification_file, tmp_path, monkeypatch):
     """An instrument, its driver with everything that a real device needs, and an operator."""
     fake = instrument(watchdog_s=20.0)
 
@@ -90,7 +59,6 @@ def theatre(
         patient_file=str(patient_file),
         ledger_folder=str(tmp_path / 'ledger'),
         audit_log=str(tmp_path / 'audit.jsonl'),
-        **more,
     )
     assert bench.change(Transition.TRANSITION_CONFIGURE)
     return fake, bench
@@ -191,21 +159,6 @@ def test_device_that_is_not_there_is_refused(
     assert not lab.change(Transition.TRANSITION_CONFIGURE)
     graph.wait_for(lambda: 'expected a serial port, got' in lab.reason)
     assert lab.statuses[-1].state == DriverStatus.UNCONFIGURED
-
-
-def test_realtime_priority_is_asked_for_every_thread_or_its_refusal_said(monkeypatch):
-    asked = []
-    monkeypatch.setattr('os.sched_setscheduler', lambda *call: asked.append(call))
-    assert ask_for_realtime(20) == ''
-    assert os.getpid() in {thread for thread, *_ in asked}
-    assert {policy for _, policy, _ in asked} == {os.SCHED_FIFO}
-    assert {parameters.sched_priority for *_, parameters in asked} == {20}
-
-    def refuse(*call):
-        raise PermissionError(f'not for {call[0]}')
-
-    monkeypatch.setattr('os.sched_setscheduler', refuse)
-    assert ask_for_realtime(20).startswith('expected the right to real-time priority 20, got')
 
 
 @pytest.mark.parametrize(('parameter', 'percent'), [(1.0, 55), (0.305, 30)])
@@ -322,10 +275,3 @@ def test_a_press_disarms_the_instrument_and_what_came_is_told(theatre):
     assert {pulse.intensity for pulse in pulses} == {0.1}
     assert statuses[-1].device == f'serial {fake.port}'
     assert bench.controller.device.real
-
-
-@pytest.mark.usefixtures('batch')
-@pytest.mark.parametrize('more', [{'realtime_priority': 5}])
-def test_the_guard_has_the_priority_of_the_driver(theatre):
-    _, bench = theatre
-    assert os.sched_getscheduler(bench.controller.device.guard_pid) == os.SCHED_BATCH

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What a driver starts and what it refuses, before anything fires."""
+"""What a driver starts and what it refuses, in every state, before anything fires."""
 
 import dataclasses
 
@@ -54,6 +54,28 @@ def expected():
     }
 
 
+class StoppedMidway(SimulatedDevice):
+    """A device during whose every call somebody presses the emergency stop."""
+
+    controller = None
+
+    def _press(self):
+        if self.controller is not None:
+            self.controller.stop('test', 'stop in the middle')
+
+    def open(self):
+        super().open()
+        self._press()
+
+    def arm(self):
+        super().arm()
+        self._press()
+
+    def close(self):
+        self._press()
+        super().close()
+
+
 def test_the_table_of_transitions_is_the_one_that_is_meant():
     meant = expected()
     assert set(meant) == {(state, command) for state in State for command in Command}
@@ -78,6 +100,34 @@ def test_every_transition_legal_or_not(state, command, driver_in):
     assert driver.controller.state is target
     assert driver.device.armed == (target in (State.ARMED, State.RUNNING))
     assert driver.device.opened == (target is not State.UNCONFIGURED)
+
+
+@pytest.mark.parametrize('state', State)
+@pytest.mark.parametrize('command', Command)
+def test_stop_in_the_middle_of_every_transition(state, command, driver_in):
+    driver = driver_in(state)
+    device = StoppedMidway(clock=driver.clock, wait=driver.clock.wait)
+    device.opened, device.armed = driver.device.opened, driver.device.armed
+    device._last_sign_ns = driver.clock.now
+    driver.controller.device = driver.device = device
+    device.controller = driver.controller
+    during = command in (Command.CONFIGURE, Command.ARM, Command.CLEANUP)
+    legal = expected()[state, command] is not None
+    try:
+        DO[command](driver.controller)
+    except StimulationError:
+        assert not legal or command is Command.ARM
+    if not during or not legal:
+        driver.controller.stop('test', 'stop right after')
+    assert driver.controller.interlocks.latched
+    assert driver.controller.state not in (State.ARMED, State.RUNNING)
+    assert not device.armed
+    driver.advance(1.0)
+    assert not device.fired
+    with pytest.raises(StimulationError):
+        driver.controller.start(SHORT)
+    with pytest.raises(StimulationError):
+        driver.controller.arm()
 
 
 def test_a_run_is_told_once_nothing_stands_against_it_and_before_its_first_pulse(virtual):

@@ -421,6 +421,18 @@ def test_after_the_guard_is_gone_the_device_is_closed_and_opened_anew(
     assert armed(device).fire(0.5, MAGNETIC_PULSE_WIDTH) is not None
 
 
+def test_the_guard_has_the_priority_of_the_driver(fake, patient_device):
+    device = patient_device(fake.port)
+    # a policy that needs no right
+    os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+    try:
+        device.open()
+        assert os.sched_getscheduler(device.guard_pid) == os.SCHED_BATCH
+    finally:
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        device.close()
+
+
 def test_a_guard_that_is_stopped_does_not_keep_the_port(fake, device, wait_for, armed):
     armed(device)
     stopped = device.guard_pid

@@ -71,9 +71,6 @@ class DriverParameters(NodeParameters):
     patient_file: str = parameter('', 'YAML file of the patient; a real device needs one.')
     ledger_folder: str = parameter('', 'Absolute folder of the ledgers; a real device needs one.')
     audit_log: str = parameter('', 'File of the audit log; a real device needs one.')
-    realtime_priority: int = parameter(
-        0, 'SCHED_FIFO priority of process and guard; 0 does not ask.', minimum=0, maximum=99
-    )
     autostart: bool = parameter(False, 'Arm and run schedule_file; simulated device only.')
     minimum_subscribers: int = parameter(
         1, 'Subscribers of the pulses that autostart waits for.', minimum=0, maximum=100
