@@ -8,11 +8,10 @@ stops.
 """
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.task import Future
@@ -22,14 +21,8 @@ from std_srvs.srv import Trigger
 from rpms_msgs.msg import DriverStatus
 from rpms_ros.errors import NodeError
 from rpms_ros.nodes.common import qos, topics
-from rpms_ros.nodes.common.diagnostics import Health, logger_of
-from rpms_ros.nodes.common.operator import (
-    ButtonPublisher,
-    Keyboard,
-    OperatorClient,
-    button_health,
-    tell_health,
-)
+from rpms_ros.nodes.common.diagnostics import logger_of
+from rpms_ros.nodes.common.operator import ButtonPublisher, Keyboard, OperatorClient
 from rpms_ros.nodes.common.parameters import NodeParameters, declare_parameters, parameter
 from rpms_ros.nodes.common.runner import NodeOfParts, every, run
 from rpms_ros.stimulation import load_schedule
@@ -107,7 +100,6 @@ class OperatorConsole(NodeOfParts):
         hear = self.create_subscription
         hear(DriverStatus, topics.DRIVER_STATUS, self._on_status, qos.STATUS_LATEST)
         every(self, _LOOK_S, self._look)
-        tell_health(self, 'operator', 'terminal', self._health)
         keys = f'{ASK} asks for a token, hold {ENABLE} to arm and run, {RELEASE} resets'
         logger_of(self).info(f'{keys}, any other key stops')
 
@@ -117,6 +109,9 @@ class OperatorConsole(NodeOfParts):
             self._on_key(key, now_ns)
         if not self._keyboard.there:
             self.button.set(True)
+            self._say('terminal lost: pressed')
+        elif self._joystick.used and self._joystick.down(now_ns) is None:
+            self._say('joystick lost: not enabled')
         self._enable(self._is_enabled(now_ns))
         self._go_on()
 
@@ -182,20 +177,6 @@ class OperatorConsole(NodeOfParts):
             client.call_async(request)
         else:
             self._say('expected a driver, got none')
-
-    def _health(self) -> Health:
-        lost = [] if self._keyboard.there else ['terminal']
-        found = button_health(self.button.pressed, lost, self.button.listeners)
-        silent = self._joystick.used and self._joystick.down(time.monotonic_ns()) is None
-        if silent and not lost:
-            said = 'joystick lost: not enabled'
-            found = replace(found, message=said, level=DiagnosticStatus.ERROR)
-        figures = {
-            'operator': self.settings.operator,
-            'enable held': self.client.enable,
-            'token': 'given' if self.client.token else 'none',
-        }
-        return replace(found, figures={**found.figures, **figures})
 
     @property
     def _busy(self) -> bool:

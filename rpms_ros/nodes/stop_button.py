@@ -13,13 +13,8 @@ from sensor_msgs.msg import Joy
 
 from rpms_ros.errors import NodeError
 from rpms_ros.nodes.common import qos, topics
-from rpms_ros.nodes.common.diagnostics import Health, logger_of
-from rpms_ros.nodes.common.operator import (
-    ButtonPublisher,
-    Keyboard,
-    button_health,
-    tell_health,
-)
+from rpms_ros.nodes.common.diagnostics import logger_of
+from rpms_ros.nodes.common.operator import ButtonPublisher, Keyboard
 from rpms_ros.nodes.common.parameters import NodeParameters, declare_parameters, parameter
 from rpms_ros.nodes.common.runner import NodeOfParts, every, run
 from rpms_ros.stimulation.driver.stop_buttons import JoystickButton
@@ -73,10 +68,8 @@ class StopButton(NodeOfParts):
         self._key_pressed = self._keyboard is not None and not self._keyboard.there
         self.button = ButtonPublisher(self, self._wanted())
         every(self, _LOOK_S, self._look)
-        inputs = ['terminal'] if self._keyboard is not None else []
-        inputs += ['joystick'] if self._joystick.used else []
-        tell_health(self, 'stop button', ' and '.join(inputs), self._health)
-        logger_of(self).info(f'any key presses, {RELEASE} releases: {self._word()}')
+        self._said = self._word()
+        logger_of(self).info(f'any key presses, {RELEASE} releases: {self._said}')
 
     def _look(self) -> None:
         for key in self._keyboard.read() if self._keyboard is not None else '':
@@ -88,23 +81,24 @@ class StopButton(NodeOfParts):
         self._say()
 
     def _say(self) -> None:
-        before = self.button.pressed
         self.button.set(self._wanted())
-        if self.button.pressed != before:
-            logger_of(self).info(self._word())
+        before, self._said = self._said, self._word()
+        if self._said != before:
+            logger_of(self).info(self._said)
 
     def _wanted(self) -> bool:
         down = self._joystick.down(time.monotonic_ns()) if self._joystick.used else False
         return self._key_pressed or down is not False
 
-    def _health(self) -> Health:
+    def _word(self) -> str:
         lost = [] if self._keyboard is None or self._keyboard.there else ['terminal']
         if self._joystick.used and self._joystick.down(time.monotonic_ns()) is None:
             lost.append('joystick')
-        return button_health(self.button.pressed, lost, self.button.listeners)
-
-    def _word(self) -> str:
-        return 'pressed' if self.button.pressed else 'released'
+        if lost:
+            return f'{" and ".join(lost)} lost: pressed'
+        if self.button.pressed:
+            return 'pressed'
+        return 'released' if self.button.listeners else 'released; no driver listens'
 
     def _on_joy(self, message: Joy) -> None:
         self._joystick.heard(message.buttons, time.monotonic_ns())

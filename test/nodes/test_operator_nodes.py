@@ -7,7 +7,6 @@ import pty
 import time
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
 from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool
@@ -16,7 +15,7 @@ from rpms_msgs.msg import DriverStatus, OperatorHeartbeat, Pulse
 from rpms_ros.errors import RpmsError
 from rpms_ros.nodes import operator_console
 from rpms_ros.nodes.common import operator, qos, topics
-from rpms_ros.nodes.common.operator import ButtonPublisher, Keyboard, button_health
+from rpms_ros.nodes.common.operator import ButtonPublisher, Keyboard
 from rpms_ros.nodes.operator_console import OperatorConsole
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.nodes.stop_button import StopButton
@@ -48,19 +47,6 @@ def said(graph):
 
     newest.heard = heard
     return newest
-
-
-@pytest.fixture
-def diagnosed(graph):
-    """Level and message that a node of this name published last on /diagnostics."""
-    newest = {}
-    node = graph.add(lambda **options: Node('reader', **options))
-
-    def take(message):
-        newest.update({one.name: one for one in message.status})
-
-    node.create_subscription(DiagnosticArray, topics.DIAGNOSTICS, take, 100)
-    return lambda name: (newest[name].level, newest[name].message) if name in newest else None
 
 
 def test_any_key_presses_and_one_lets_go(graph, terminal, said):
@@ -109,20 +95,6 @@ def test_a_joystick_presses_and_its_silence_too(graph, said):
     graph.wait_for(lambda: said() is False)
     timer.cancel()
     graph.wait_for(lambda: said() is True)
-
-
-@pytest.mark.parametrize(
-    ('pressed', 'lost', 'listeners', 'level', 'said'),
-    [
-        (True, ['terminal'], 1, DiagnosticStatus.ERROR, 'terminal lost: pressed'),
-        (True, [], 1, DiagnosticStatus.WARN, 'pressed'),
-        (False, [], 0, DiagnosticStatus.WARN, 'released; no driver listens'),
-        (False, [], 1, DiagnosticStatus.OK, 'released'),
-    ],
-)
-def test_a_button_says_whether_it_is_pressed_lost_or_heard(pressed, lost, listeners, level, said):
-    found = button_health(pressed, lost, listeners)
-    assert (found.level, found.message) == (level, said)
 
 
 def test_an_enable_that_is_held_again_before_the_console_looks_was_let_go_of(
@@ -232,16 +204,23 @@ def test_a_console_that_cannot_work_is_refused(graph, terminal, parameters, reas
         graph.add(lambda **options: OperatorConsole(terminal[1], **options), **parameters)
 
 
-def test_a_joystick_that_is_silent_is_an_error_of_button_and_console(graph, terminal, diagnosed):
+def test_what_is_lost_is_said_by_button_and_console(graph, terminal, capfd):
     graph.add(StopButton, keyboard=False, joy_button=2)
     graph.add(
         lambda **options: OperatorConsole(terminal[1], **options), operator='ada', joy_enable=1
     )
-    lost = (DiagnosticStatus.ERROR, 'joystick lost: pressed')
-    graph.wait_for(lambda: diagnosed('/stop_button: stop button') == lost)
-    graph.wait_for(
-        lambda: (
-            diagnosed('/operator_console: operator')
-            == (DiagnosticStatus.ERROR, 'joystick lost: not enabled')
-        )
-    )
+    heard = []
+
+    def logged(words):
+        heard.append(''.join(capfd.readouterr()))
+        return words in ''.join(heard)
+
+    graph.wait_for(lambda: logged('any key presses, r releases: joystick lost: pressed'))
+    graph.wait_for(lambda: logged('[operator_console]: joystick lost: not enabled'))
+    os.close(terminal[0])
+    graph.wait_for(lambda: logged('[operator_console]: terminal lost: pressed'))
+
+
+def test_a_button_that_no_driver_hears_says_so(graph, terminal, capfd):
+    graph.add(lambda **options: StopButton(terminal[1], **options))
+    assert 'released; no driver listens' in ''.join(capfd.readouterr())

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What the nodes of an operator share: keys, heartbeat, token, goals, stop button, health."""
+"""What the nodes of an operator share: keys, heartbeat, token, goals, stop button."""
 
 import contextlib
 import os
@@ -9,10 +9,8 @@ import sys
 import termios
 import time
 import tty
-from collections.abc import Callable, Sequence
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.action import ActionClient
 from rclpy.node import Node
 from rclpy.task import Future
@@ -23,7 +21,6 @@ from rpms_msgs.msg import OperatorHeartbeat
 from rpms_msgs.srv import ConfirmArming, RequestArming
 from rpms_ros import messages
 from rpms_ros.nodes.common import qos, topics
-from rpms_ros.nodes.common.diagnostics import PERIOD_S, DiagnosticsPublisher, Health
 from rpms_ros.nodes.common.runner import every
 from rpms_ros.nodes.common.topics import MESSAGE_TYPES
 from rpms_ros.schedule_messages import schedule_message
@@ -204,35 +201,3 @@ class ButtonPublisher:
         self._left = True
         self._node.destroy_timer(self.timer)
         self._node.destroy_publisher(self._publisher)
-
-
-def button_health(pressed: bool, lost: Sequence[str], listeners: int) -> Health:
-    """Return the health of a stop button.
-
-    An error while an input is lost, which counts as pressed; a warning while it is pressed or no
-    driver hears it; ok otherwise.
-
-    Parameters
-    ----------
-    pressed : bool
-        What it publishes.
-    lost : sequence of str
-        Inputs that are gone or silent.
-    listeners : int
-        Subscriptions of its topic.
-    """
-    said, level = 'released', DiagnosticStatus.OK
-    if lost:
-        said, level = f'{" and ".join(lost)} lost: pressed', DiagnosticStatus.ERROR
-    elif pressed:
-        said, level = 'pressed', DiagnosticStatus.WARN
-    elif not listeners:
-        said, level = 'released; no driver listens', DiagnosticStatus.WARN
-    return Health(said, level, {'pressed': pressed, 'listeners': listeners})
-
-
-def tell_health(node: Node, task: str, hardware: str, health: Callable[[], Health]) -> None:
-    """Publish once a second how a node is; of which node the hardware is, is said too."""
-    named = f'{hardware} of {node.get_fully_qualified_name()}'
-    publisher = DiagnosticsPublisher(node, task, named)
-    every(node, PERIOD_S, lambda: publisher.publish(health()))

@@ -22,13 +22,10 @@ rcl drops a file of parameters that is for other nodes without a word: here it i
 import dataclasses
 import difflib
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import pairwise
-from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
-import yaml
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -285,38 +282,3 @@ def follow_parameters(
 
     node.add_on_set_parameters_callback(check)
     node.add_post_set_parameters_callback(keep)
-
-
-_PARAMETERS = 'ros__parameters'
-
-
-def without_effect(arguments: Sequence[str], node: Node) -> Iterator[str]:
-    """Yield a line for each file on a command line of which a node has taken nothing.
-
-    One that cannot be read is left out, of which rcl says so itself, and a pipe, which it has
-    emptied.
-    """
-    taken = getattr(node, '_parameter_overrides', {})
-    for path in (Path(file) for name, file in pairwise(arguments) if name == '--params-file'):
-        try:
-            # values stay text: PyYAML would refuse some that rcl takes, as a 13th month
-            text = path.read_text(encoding='utf-8') if path.is_file() else ''
-            blocks = dict(blocks_of(yaml.load(text, Loader=yaml.BaseLoader)))
-        except (OSError, UnicodeDecodeError, yaml.YAMLError, RecursionError):
-            continue
-        if blocks and not any(name in taken for given in blocks.values() for name in given):
-            whom = f'{", ".join(blocks)} and nothing for {node.get_fully_qualified_name()}'
-            yield plain_text(f'{path} has parameters for {whom}')
-
-
-def blocks_of(content: object, prefix: str = '') -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """Yield each node of the content of a file, with wildcards, and its parameters.
-
-    >>> list(blocks_of({'leg': {'identifier': {'ros__parameters': {'seed': 1}}}}))
-    [('/leg/identifier', {'seed': 1})]
-    """
-    for key, value in content.items() if isinstance(content, Mapping) else ():
-        if key == _PARAMETERS:
-            yield prefix, value if isinstance(value, Mapping) else {}
-        else:
-            yield from blocks_of(value, f'{prefix}/{str(key).strip("/")}')

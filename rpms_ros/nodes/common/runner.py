@@ -22,7 +22,6 @@ from rclpy.exceptions import NameValidationException
 from rclpy.executors import ExternalShutdownException
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
-from rclpy.logging import LoggingSeverity
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.timer import Timer
@@ -31,7 +30,7 @@ from rclpy.utilities import remove_ros_args
 from rpms_ros import __version__
 from rpms_ros.errors import NodeError, RpmsError
 from rpms_ros.nodes.common.diagnostics import logger_of
-from rpms_ros.nodes.common.parameters import NodeParameters, descriptions, without_effect
+from rpms_ros.nodes.common.parameters import NodeParameters, descriptions
 from rpms_ros.report.text import labelled
 
 SUSPENDING = (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
@@ -223,7 +222,7 @@ def run(build: Callable[[], Node], args: Sequence[str] | None = None) -> int:
         without = SignalHandlerOptions.NO
         rclpy.init(args=args if args is None else given, signal_handler_options=without)
         node = build()
-        _say_which_files_were_dropped(given, node)
+        _warn_of_files_without_effect(given, node)
         at_once = getattr(node, 'stop_at_once', None)
         if at_once is not None:
             stop.call_at_once(at_once)
@@ -246,13 +245,11 @@ def run(build: Callable[[], Node], args: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _say_which_files_were_dropped(arguments: Sequence[str], node: Node) -> None:
-    lines = list(without_effect(arguments, node))
-    # a file for other nodes of a launch is no mistake while another one is for this node
-    alone = len(lines) == list(arguments).count('--params-file')
-    severity = LoggingSeverity.WARN if alone else LoggingSeverity.INFO
-    for line in lines:
-        logger_of(node).log(line, severity)
+def _warn_of_files_without_effect(arguments: Sequence[str], node: Node) -> None:
+    """Warn if no file of parameters on the command line has one for the node."""
+    if '--params-file' in arguments and not getattr(node, '_parameter_overrides', {}):
+        name = node.get_fully_qualified_name()
+        logger_of(node).warning(f'expected files with parameters for {name}, got none for it')
 
 
 def _without_interrupts(discarded: Any) -> None:
