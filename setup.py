@@ -79,7 +79,7 @@ setup(
             'ros-std-msgs==5.3.6',
             'ros-std-srvs==5.3.6',
         ],
-        'formats': ['h5py', 'openpyxl'],
+        'formats': ['openpyxl'],
         'test': ['hypothesis', 'jsonschema', 'pytest', 'pytest-timeout'],
     },
     entry_points={

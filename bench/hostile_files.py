@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Mutated files of every other kind that the package reads: what comes of them.
 
-Files of laboratories (text, LabChart, MATLAB 5 and 7.3, Excel) into `rpms import`; recordings
+Files of laboratories (text, LabChart, MATLAB, Excel) into `rpms import`; recordings
 into `rpms export`; checksums into `rpms verify`; saved states and
 results into `rpms identify --start-from`; history laws, scenarios, device specifications,
 patients, parameter files and audit logs into what reads them.  `bench/hostile_recordings.py` does
@@ -61,7 +61,7 @@ DOCUMENTS = ('history law', 'scenario', 'device', 'patient', 'audit log')
 NAMES = (
     *FORMATS,
     *DOCUMENTS,
-    *('export to csv', 'export to mat', 'checksums'),
+    *('export', 'checksums'),
     *('state of tracking', 'result of tracking'),
 )
 
@@ -117,9 +117,8 @@ def kind_of(name: str, folder: Path) -> Kind:
         return document(name, folder)
     session = recording(folder)
     files = tuple(sorted(session.iterdir()))
-    if name.startswith('export to '):
-        to = name.removeprefix('export to ')
-        return Kind(files, made(folder, 'export', session, '--to', to))
+    if name == 'export':
+        return Kind(files, made(folder, 'export', session))
     if name == 'checksums':
         return Kind((session / 'SHA256SUMS',), lambda: rpms(['verify', str(session)]))
     estimator = name.rpartition(' ')[2]

@@ -4,12 +4,11 @@
 
 from pathlib import Path
 
-import h5py
 import numpy as np
 import openpyxl
 from scipy.io import savemat
 
-FORMATS = ('text', 'labchart', 'matlab', 'spike2 matlab', 'matlab 7.3', 'xlsx')
+FORMATS = ('text', 'labchart', 'matlab', 'spike2 matlab', 'xlsx')
 COUNT = 200
 TIME = np.arange(COUNT) / 1000.0
 FORCE = np.round(2.0 + np.sin(TIME * 30.0), 4)
@@ -21,7 +20,7 @@ def tables(folder: Path) -> dict[str, Path]:
     """Write the same session in every format of `rpms import`."""
     rows = list(zip(TIME.tolist(), FORCE.tolist(), GATE.tolist(), strict=True))
     lines = [f'{t:.3f}\t{f:.4f}\t{g:.1f}' for t, f, g in rows]
-    endings = ('csv', 'txt', 'mat', 'mat', 'mat', 'xlsx')
+    endings = ('csv', 'txt', 'mat', 'mat', 'xlsx')
     paths = {
         name: folder / f'{name}.{ending}' for name, ending in zip(FORMATS, endings, strict=True)
     }
@@ -35,10 +34,6 @@ def tables(folder: Path) -> dict[str, Path]:
     event['times'] = 0.25 + ONSETS[:, None]
     channels = {'leg_Ch1': {**waveform, 'values': FORCE[:, None]}, 'leg_Ch3': event}
     savemat(paths['spike2 matlab'], channels, do_compression=True)
-    with h5py.File(paths['matlab 7.3'], 'w', userblock_size=512) as file:
-        group = file.create_group('trial')
-        group['time'], group['gate'] = TIME[None, :], GATE[None, :]
-        group.create_dataset('force', data=FORCE[None, :], compression='gzip')
     book = openpyxl.Workbook()
     for row in (['Time [s]', 'Force [N]', 'Trigger'], *map(list, rows)):
         book.active.append(row)

@@ -132,7 +132,9 @@ def estimate_of(message: Any) -> Estimate:
         stamp_ns=nanoseconds(message.header.stamp),
         estimator=str(message.estimator),
         nonlinear_covariance=covariance.reshape(size, size),
-        nonlinear_identifiability=np.array(_identifiability(message), dtype=np.int64),
+        nonlinear_identifiability=np.array(
+            getattr(message, 'nonlinear_identifiability', ()), dtype=np.int64
+        ),
         faults=dict(zip(names, counts, strict=True)),
         unit=str(getattr(message, 'unit', '') or 'N'),
         **fields,
@@ -144,19 +146,11 @@ def _require_lengths(message: Any) -> None:
     covariance = 'nonlinear_covariance'
     lengths = [(covariance, len(message.nonlinear_covariance), len(message.nonlinear_names) ** 2)]
     for name, other in (_EXACT | _OR_EMPTY).items():
-        flags = name == 'nonlinear_identifiability'
         # one that is younger than the recording is not there
-        found = _identifiability(message) if flags else getattr(message, name, ())
-        lengths.append((name, len(found), len(getattr(message, other, ()))))
+        lengths.append((name, len(getattr(message, name, ())), len(getattr(message, other, ()))))
     for name, got, length in lengths:
         if got != length and not (got == 0 and name not in _EXACT):
             raise MessageError(f'expected {length} elements in {name}, got {got}')
-
-
-def _identifiability(message: Any) -> Any:
-    """Return the flags of the parameters, which had another name in older recordings."""
-    older = getattr(message, 'nonlinear_excitation', ())
-    return getattr(message, 'nonlinear_identifiability', older)
 
 
 def _doubles(values: npt.ArrayLike) -> 'array[float]':

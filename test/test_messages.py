@@ -197,14 +197,13 @@ def test_every_field_of_an_estimate_is_one_of_its_message() -> None:
 
 
 def test_an_estimate_of_an_older_definition_is_read() -> None:
-    """Without what was appended later, and with the older name of the flags."""
+    """Without what was appended later."""
     message = estimate_messages.estimate_message(estimate(), MESSAGE_TYPES)
     younger = ('rate', 'change', 'disturbance', 'reasons', 'nonlinear_identifiability', 'unit')
     names = [n for n in message.get_fields_and_field_types() if not n.startswith(younger)]
     older = SimpleNamespace(**{name: getattr(message, name) for name in names})
-    older.nonlinear_excitation = message.nonlinear_identifiability
     found = estimate_messages.estimate_of(older)
-    assert found.nonlinear_identifiability.tolist() == [1, 2]
+    assert found.nonlinear_identifiability.tolist() == []
     assert found.rate_names == found.change_kinds == found.reasons == ()
     assert found.changes == len(found.rate) == len(found.change_ago) == 0
     assert found.unit == 'N'

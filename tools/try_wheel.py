@@ -46,7 +46,7 @@ def bare() -> None:
         sys.exit('expected the same result of the command and of Python, got another')
     rpms('--version')
     rpms('verify', 'session')
-    rpms('export', 'session', '--to', 'csv', '--out', 'tables')
+    rpms('export', 'session', '--out', 'tables')
     rpms('simulate', '--scenario', 'fatigue', '--duration', '5', '--out', 'tired')
     rpms('protocol', 'muscle', '--out', 'muscle.yaml')
     for arguments, extra in ((('report', 'session'), 'report'), (('demo',), 'ROS')):

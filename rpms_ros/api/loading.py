@@ -15,7 +15,13 @@ from rpms_ros.errors import RecordingError
 from rpms_ros.identification import DEFAULT_RATE
 from rpms_ros.pulses import MAGNETIC_PULSE_WIDTH, NANOSECONDS_PER_SECOND, ForceTrace, PulseTrain
 from rpms_ros.recording import Recording, RecordingFacts, Topics, read_recording
-from rpms_ros.recording.importing import Ambiguous, ImportOptions, import_file, is_foreign
+from rpms_ros.recording.importing import (
+    Ambiguous,
+    Imported,
+    ImportOptions,
+    import_file,
+    is_foreign,
+)
 from rpms_ros.report.recorded import true_muscle
 
 # Beyond that nanoseconds do not fit into 64 bits.
@@ -54,8 +60,7 @@ def load(
     ----------
     path : str or Path
         Recording of rosbag2 (folder, mcap or sqlite3 file); a file of a laboratory, as
-        ``rpms import`` takes it (table of text, LabChart or Spike2 text, MATLAB, Excel, XDF); what
-        ``rpms export`` wrote.
+        ``rpms import`` takes it (table of text, LabChart text, MATLAB, Excel).
     columns : tuple of str, optional
         Short for the names of time [s], force [N] and gate of the stimulator.
     time, force, pulse : str, optional
@@ -245,23 +250,34 @@ def from_arrays(
 
 
 def _imported(place: Path, options: ImportOptions, sign: int, quantity: str) -> Session:
+    storage = 'table' if place.suffix.lower() in _TABLES else 'file'
     try:
         found = import_file(place, options)
+        recording = recording_of(found, place, storage, sign, quantity)
     except RecordingError as error:
         text = str(error)
         if isinstance(error, Ambiguous) and error.decided:
             guess = '; '.join(f'{label} {what}' for label, what in error.decided)
             text += f' (so far: {guess})'
         raise RecordingError(_with_keywords(text)) from error
-    if quantity not in (FORCE, found.quantity):
-        raise RecordingError(
-            f'expected a {quantity}, got a {found.quantity} in {place}; force_unit= decides'
-        )
-    forces = ForceTrace(found.forces.stamp_ns, sign * found.forces.force, found.forces.frame_id)
-    storage = 'table' if place.suffix.lower() in _TABLES else 'file'
-    recording = as_recording(found.pulses, forces, place, storage, found.quantity)
     told = tuple((label, _with_keywords(text)) for label, text in found.facts)
     return Session(name=place.stem, recording=recording, imported=told)
+
+
+def recording_of(found: Imported, path: Path, storage: str, sign: int, quantity: str) -> Recording:
+    """Return what a file holds as if it had been recorded; `as_recording` has the parameters.
+
+    Raises
+    ------
+    RecordingError
+        If the file holds another quantity than the one that is asked for.
+    """
+    if quantity not in (FORCE, found.quantity):
+        raise RecordingError(
+            f'expected a {quantity}, got a {found.quantity} in {path}; --force-unit decides'
+        )
+    forces = ForceTrace(found.forces.stamp_ns, sign * found.forces.force, found.forces.frame_id)
+    return as_recording(found.pulses, forces, path, storage, found.quantity)
 
 
 def _with_keywords(text: str) -> str:

@@ -24,7 +24,7 @@ _DESCRIPTION = """\
 Starts a simulated muscle, a stimulator driver and the identifier as three ROS 2 nodes, each a
 process of its own, on this machine and in a DDS domain of their own.  The muscle is stimulated
 at 20 Hz and measured at 1 kHz; pulses, force and estimates are recorded.  At the end the
-identified parameters are compared with the true ones, and the recording is identified again off
+identified curve is compared with the true one, and the recording is identified again off
 line, which has to give the same estimates in every bit.  With a scenario the muscle tires, the
 coil moves or the patient tenses, as in `rpms simulate --scenario`.
 """
@@ -83,7 +83,7 @@ def add_demo(subparsers: Subparsers) -> None:
     add_preset_option(parser)
     text = 'show it in the browser while it runs, on this port (default: 8765)'
     parser.add_argument('--live', nargs='?', type=int, const=PORT, metavar='PORT', help=text)
-    text = 'new folder for recording and figure; out/demo_<time> if not given'
+    text = 'new folder for the recording; out/demo_<time> if not given'
     add_option(parser, '--out DIR', None, text, type=Path)
 
 
@@ -234,13 +234,12 @@ def _report(
     settings: 'SimulationSettings',
     scenario: 'Scenario | None',
 ) -> int:
-    """Identify the recording, print what came out, draw the figure; return the exit code."""
+    """Identify the recording, print what came out; return the exit code."""
     from rpms_ros.identification.quality.doubts import PULSE_LATE
     from rpms_ros.nodes.simulation_launcher import RECORDING
     from rpms_ros.recording import read_recording
     from rpms_ros.report.course import course_of, steadiness
-    from rpms_ros.report.figures import draw_session
-    from rpms_ros.report.known_muscle import of_subject, truth_table
+    from rpms_ros.report.known_muscle import of_subject
     from rpms_ros.report.recorded import compare, true_muscle
     from rpms_ros.report.result import IdentificationOptions, identified
 
@@ -252,13 +251,12 @@ def _report(
     rate = session.last.repetition_rate
     truth = true_muscle(recording, rate)
     truth = of_subject(subject, rate) if truth is None else replace(truth, subject=subject)
-    print(truth_table(session, truth))
+    course = course_of(session)
+    judged = truth.judged(course)
+    print(f'  truth      {"no curve was found" if judged is None else judged.sentence}')
     if scenario is not None:
         print(f'  scenario   {scenario.name}: {scenario.description}')
-        print(f'  found      {steadiness(course_of(session))}')
-    figure = launcher.folder / 'demo.png'
-    draw_session([figure], session, recording.pulses, truth, _title(settings))
-    print(f'  figure     {figure}')
+        print(f'  found      {steadiness(course)}')
     print(f'  recording  {path}')
     print(f'  off line   rpms report {path} --estimator {estimator} --preset {preset}')
     faults = dict(launcher.monitor.estimates[-1].faults)
@@ -273,17 +271,3 @@ def _report(
     flawless = (not lost or wanted) and (not faults or scenario is not None)
     flawless = flawless and not launcher.monitor.broken_off
     return 0 if agreement.exact and flawless else 1
-
-
-def _title(settings: 'SimulationSettings') -> str:
-    from rpms_ros.nodes.plant_simulator import PlantParameters, scenario_of
-
-    plant = settings.plant
-    noise = scenario_of(PlantParameters(**plant)).disturbances.noise
-    schedule = settings.schedule.name.replace('_', ' ')
-    happens = f'scenario {plant["scenario"]}, ' if plant['scenario'] else ''
-    return (
-        f'Live session: {happens}subject {plant["subject"]}, {schedule} intensities at '
-        f'{RATE:g} Hz, noise {noise:g} N, '
-        f'estimator {settings.identifier["estimator"]}'
-    )

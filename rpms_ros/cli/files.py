@@ -34,32 +34,26 @@ if TYPE_CHECKING:
 _SENSOR_UNITS = ('N', 'mN', 'kN', 'g', 'kg', 'lbf', 'Nm', 'mNm', 'kNm', 'kgm', 'ft-lbf')
 _IMPORT = """\
 Makes a recording of a file with time, force and the stimulator's gate or trigger: tables of text
-(any separator, decimal commas, UTF-8, UTF-16 and Latin-1), text exported by LabChart and Spike2,
-MATLAB .mat, Excel .xlsx and XDF of the Lab Streaming Layer.  What is what is guessed and shown,
-and each option below decides it.  Every rising edge of a gate is a
-pulse, or every falling one if the gate rests high; its width is measured.  A gate does not tell
-the intensity: give it if it was below 1, or the column or file that has it.
-What `rpms export` has written is read again without options, with the same numbers.
+(any separator, decimal commas, UTF-8, UTF-16 and Latin-1), text exported by LabChart,
+MATLAB .mat and Excel .xlsx.  What is what is guessed and shown, and each option below decides it.
+Every rising edge of a gate is a pulse, or every falling one if the gate rests high; its width is
+measured.  A gate does not tell the intensity: give it if it was below 1, or the column or file
+that has it.
 """
 _IMPORT_EXAMPLES = """\
   rpms import trial.csv --out trial
   rpms import trial.csv --out trial --time 'Time [s]' --force 'fGM [N]' --pulse 'STIM [ ]'
   rpms import session.mat --out session --force data.fz --force-unit mN --threshold 2.5
-  rpms import leg.xdf --out leg --intensity 0.8
+  rpms import leg.xlsx --out leg --intensity 0.8
   rpms identify trial
 """
-FORMATS = ('csv', 'mat')
 _EXPORT = """\
-Writes force, pulses and recorded estimates for other programs: a folder of CSV files, or a MATLAB
-file (version 5).
-Every number is written with all of its digits: `rpms import` reads the same numbers again.
-Nothing is replaced.
+Writes force, pulses and recorded estimates for other programs: a folder of CSV files, every number
+with all of its digits.  Nothing is replaced.
 """
 _EXPORT_EXAMPLES = """\
-  rpms export bags/sample --to csv --out sample_csv       force.csv, pulses.csv, session.json
-  rpms export session --to mat --out session.mat
-  rpms export session --to csv --out shared --anonymous
-  rpms import shared --out again                          the same numbers again
+  rpms export bags/sample --out sample_csv       force.csv, pulses.csv, session.json
+  rpms export session --out shared --anonymous
 exit codes: 0 well, 1 the recording has faults, 2 not possible
 """
 
@@ -68,7 +62,7 @@ def add_import(subparsers: Subparsers) -> None:
     """Add `rpms import`."""
     summary = 'a file of a laboratory becomes a recording'
     parser = add_command(subparsers, 'import', run_import, summary, _IMPORT, _IMPORT_EXAMPLES)
-    text = '.csv, .txt, .mat, .xlsx, .xdf, or an export'
+    text = '.csv, .txt, .mat or .xlsx'
     parser.add_argument('file', type=Path, metavar='FILE', help=text)
     parser.add_argument('--out', type=Path, required=True, metavar='BAG', help='new folder')
     add_signal_options(parser)
@@ -137,18 +131,10 @@ def imported(path: Path, arguments: argparse.Namespace) -> 'Imported':
 
 def imported_recording(path: Path, arguments: argparse.Namespace) -> 'Recording':
     """Return what a file holds as if it had been recorded."""
-    from rpms_ros.api.loading import as_recording
-    from rpms_ros.pulses import ForceTrace
+    from rpms_ros.api.loading import recording_of
 
-    found = imported(path, arguments)
-    if getattr(arguments, 'quantity', FORCE) not in (FORCE, found.quantity):
-        raise RecordingError(
-            f'expected a {arguments.quantity}, got a {found.quantity} in {path}; --force-unit '
-            'decides'
-        )
-    sign = getattr(arguments, 'sign', 1)
-    forces = ForceTrace(found.forces.stamp_ns, sign * found.forces.force)
-    return as_recording(found.pulses, forces, path, 'file', found.quantity)
+    sign, quantity = getattr(arguments, 'sign', 1), getattr(arguments, 'quantity', FORCE)
+    return recording_of(imported(path, arguments), path, 'file', sign, quantity)
 
 
 def signal_options(arguments: argparse.Namespace) -> 'ImportOptions':
@@ -183,9 +169,7 @@ def add_export(subparsers: Subparsers) -> None:
     summary = 'a recording as files of other programs'
     parser = add_command(subparsers, 'export', run_export, summary, _EXPORT, _EXPORT_EXAMPLES)
     add_bag(parser)
-    parser.add_argument('--to', required=True, choices=FORMATS, help='what is written')
-    text = 'new folder; new file of MATLAB'
-    parser.add_argument('--out', type=Path, required=True, metavar='PLACE', help=text)
+    parser.add_argument('--out', type=Path, required=True, metavar='DIR', help='new folder')
     text = 'leave out date, name and notes; times begin at 0'
     parser.add_argument('--anonymous', action='store_true', help=text)
     add_reading_options(parser)
@@ -193,14 +177,10 @@ def add_export(subparsers: Subparsers) -> None:
 
 def run_export(arguments: argparse.Namespace) -> int:
     """Export the session and say what was written."""
-    from rpms_ros.recording.export import write_matlab, write_tables, written_whole
+    from rpms_ros.recording.export import write_tables, written_whole
 
-    if arguments.to == 'mat' and arguments.out.suffix.lower() != '.mat':
-        raise RecordingError(f'expected a file that ends with .mat, got {arguments.out}')
     session, findings = _session(arguments)
-
-    write = {'csv': write_tables, 'mat': write_matlab}[arguments.to]
-    written_whole(arguments.out, lambda place: write(place, session))
+    written_whole(arguments.out, lambda place: write_tables(place, session))
     rows = 0 if session.estimates is None else len(session.estimates.stamp_ns)
     counts = f'{counted(len(session.pulses), "pulse")}, {counted(len(session.forces), "sample")}'
     print(f'{arguments.out}: {counts}, {rows} estimates')

@@ -23,7 +23,6 @@ from rpms_ros.cli.options import (
     read,
     topics_of,
 )
-from rpms_ros.errors import RecordingError
 from rpms_ros.printable import printable
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.report.text import noted, table
@@ -73,9 +72,6 @@ def run_info(arguments: argparse.Namespace) -> int:
     else:
         with progress('reading', None, 'messages', arguments.quiet) as advance:
             facts = read_facts(arguments.bag, advance, arguments.max_memory)
-    if (apart := _apart(arguments.bag, arguments.max_memory)) is not None:
-        faults = {**facts.faults, 'pulses_apart': 1}
-        facts = replace(facts, faults=faults, remarks=(*facts.remarks, apart))
     if arguments.json:
         json.dump(as_document(facts), sys.stdout, indent=2)
         print()
@@ -98,19 +94,6 @@ def _facts_of_file(recording: 'Recording') -> 'RecordingFacts':
         if len(stamps)
     )
     return replace(recording.facts, topics=topics)
-
-
-def _apart(bag: Path, memory: int | None) -> str | None:
-    """Return a sentence if pulses and force do not overlap by their stamps, else None."""
-    from rpms_ros.identification.stream.pulse_checks import no_overlap
-    from rpms_ros.recording import read_recording
-
-    try:
-        recording = read_recording(bag, memory=memory)
-    except RecordingError:
-        # topics of other names, or without messages: there is nothing to compare
-        return None
-    return no_overlap(recording.pulses.onset_ns, recording.forces.stamp_ns)
 
 
 def as_document(facts: 'RecordingFacts') -> dict[str, Any]:

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Sessions as files of other programs: CSV files in a folder, or one MATLAB file.
+"""Sessions as CSV files in a folder, for other programs.
 
 A file or folder is there as a whole or not at all.
 """
@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import scipy  # its parts are loaded when they are asked for
 
 from rpms_ros.errors import RecordingError
 from rpms_ros.printable import printable, spreadsheet_text
@@ -168,42 +167,6 @@ def write_tables(folder: Path, session: SessionExport) -> None:
             writer.writerow(('time_s', *columns))
             cells = (column.tolist() for column in columns.values())
             writer.writerows(zip(times, *cells, strict=True))
-
-
-def write_matlab(path: Path, session: SessionExport) -> None:
-    """Write a MATLAB file of version 5, with a structure for each table.
-
-    Each has its times twice: ``time_s``, and ``stamp_ns`` as whole nanoseconds, which are exact.
-
-    Parameters
-    ----------
-    path : Path
-        File to write.
-    session : SessionExport
-        What is written.
-
-    Raises
-    ------
-    RecordingError
-        If it does not fit into a file of version 5, whose variables have 4 GB at most.
-    """
-    facts, origin = session.facts(), session.origin_ns
-    notes = json.dumps(facts.pop('notes', {}))
-    content: dict[str, Any] = {'session': {**facts, 'notes': notes}}
-    for name, (stamp_ns, columns) in session.tables().items():
-        content[name] = {
-            'time_s': (stamp_ns - origin) / NANOSECONDS_PER_SECOND,
-            'stamp_ns': stamp_ns - origin + int(facts['origin_ns']),
-            **columns,
-        }
-    try:
-        scipy.io.savemat(
-            path, content, do_compression=True, long_field_names=True, oned_as='column'
-        )
-    except (OverflowError, ValueError) as error:
-        raise RecordingError(
-            f'expected a session that fits into a MATLAB file, got {error}; --to csv takes any'
-        ) from error
 
 
 def written_whole(place: Path, write: Callable[[Path], object]) -> None:

@@ -7,23 +7,20 @@ one, or from the simulation itself.  It is never part of a result.
 """
 
 import json
-import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rpms_ros.axis import QUANTITIES
 from rpms_ros.errors import MuscleError
-from rpms_ros.identification import Estimate, IdentifiedSession
+from rpms_ros.identification import Estimate
 from rpms_ros.identification.model.estimate import CURVE_INTENSITY
 from rpms_ros.muscle import Subject, twitch
 from rpms_ros.muscle.recruitment import IntensityRecruitment, RateRecruitment
 from rpms_ros.muscle.simulation import Truth
 from rpms_ros.muscle.twitch import twitch_area
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray
-from rpms_ros.report.course import Course, course_of
-from rpms_ros.report.text import table
+from rpms_ros.report.course import Course
 from rpms_ros.schema import documented
 
 SETTLED_S = 15.0
@@ -251,39 +248,3 @@ def _between(stamp_ns: IntArray, values: FloatArray, wanted: IntArray | int) -> 
         values,
     )
     return found
-
-
-def truth_table(session: IdentifiedSession, truth: KnownMuscle) -> str:
-    """Return a table of the true and the identified parameters of the muscle at the end.
-
-    Parameters
-    ----------
-    session : IdentifiedSession
-        A session with this muscle.
-    truth : KnownMuscle
-        The muscle.
-    """
-    last = session.last
-    now, what = np.array([last.stamp_ns]), QUANTITIES[last.unit]
-    rows: list[tuple[str, float | str, float | str]] = []
-    for name, value in zip(last.nonlinear_names, last.nonlinear, strict=True):
-        true = truth.parameter(name, now)
-        rows.append((name, '' if true is None else float(true[0]), value))
-    time, found = last.response_time, last.response_force
-    response = truth.response(time, last.stamp_ns)
-    if response is not None:
-        rows.append((f'peak of one twitch / {last.unit}', response.max(), found.max()))
-        rows.append(('at / ms', 1e3 * time[response.argmax()], 1e3 * time[found.argmax()]))
-    if truth.comparable(last):
-        label = f'steady {what} at {last.repetition_rate:g} Hz / {last.unit}'
-        rows.append((label, truth.full_force(now)[0], last.curve_force[-1]))
-    rows.append(('worst error of the curve', '', f'{100 * truth.error(last):.2f} %'))
-    judged = truth.judged(course_of(session))
-    if judged is not None and judged.worst_at_s > 0.0:
-        label = f'worst from {judged.since_s:.0f} s on, at {judged.worst_at_s:.0f} s'
-        rows.append((label, '', f'{100 * judged.worst_error:.2f} %'))
-    error = session.output_error
-    rows.append((f'output error after settling / {last.unit}', '', error.newton))
-    rows.append(('share of the force range', '', f'{100 * error.of_range:.2f} %'))
-    cells = [[one if isinstance(one, str) else f'{one:.4g}' for one in row] for row in rows]
-    return textwrap.indent(table(('at the end', 'true', 'identified'), cells), '  ')

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.io import loadmat
 
 from rpms_ros import estimate_messages, messages
 from rpms_ros.identification import CONVERGED, Estimate
@@ -23,7 +22,6 @@ from rpms_ros.recording import FurtherTopic, read_recording, write_recording
 from rpms_ros.recording.rosbag.definitions import known_types
 
 Rpms = Callable[..., tuple[int, str, str]]
-FORMATS = ('csv', 'mat')
 HOSTILE = '=HYPERLINK("http://x","a")\t\nb'
 NOTE = '=Ada Lovelace'
 START = 1_700_000_000_123_456_789
@@ -92,53 +90,47 @@ def session(tmp_path: Path) -> Path:
     return path
 
 
-def exported(rpms: Rpms, session: Path, kind: str, *options: object) -> Path:
-    place = session.with_name('exported.mat' if kind == 'mat' else f'exported-{kind}')
-    code, out, err = rpms('export', session, '--to', kind, '--out', place, *options)
+def exported(rpms: Rpms, session: Path, *options: object) -> Path:
+    place = session.with_name('exported')
+    code, out, err = rpms('export', session, '--out', place, *options)
     assert (code, err) == (0, '')
     assert out == f'{place}: 3 pulses, 200 samples, 2 estimates\n'
     return place
 
 
-def tables(place: Path) -> dict[str, dict[str, Any]]:
-    """Return force and pulses as another program reads them, times in ns after the first."""
-    if place.is_file():
-        content = loadmat(place, simplify_cells=True)
-        found = {name: dict(content[name]) for name in ('force', 'pulses')}
-        origin = int(content['session']['origin_ns'])
-        for table in found.values():
-            assert (table['stamp_ns'] - origin == np.rint(1e9 * table['time_s'])).all()
-        return found
+def table(place: Path, name: str) -> dict[str, Any]:
+    """Return a table as another program reads it, its times in ns as the session has them."""
     origin = int(json.loads((place / 'session.json').read_text())['origin_ns'])
-    found = {}
-    for name in ('force', 'pulses'):
-        with (place / f'{name}.csv').open(newline='') as file:
-            head, *rows = csv.reader(file)
-        times, *columns = zip(*rows, strict=True)
-        found[name] = dict(zip(head[1:], (np.array(one, float) for one in columns), strict=True))
-        stamps = [int(Decimal(time).scaleb(9)) + origin for time in times]
-        found[name]['stamp_ns'] = np.array(stamps)
-    return found
+    with (place / f'{name}.csv').open(newline='') as file:
+        head, *rows = csv.reader(file)
+    times, *columns = zip(*rows, strict=True)
+    stamps = [int(Decimal(time).scaleb(9)) + origin for time in times]
+    found = dict(zip(head[1:], (np.array(one, float) for one in columns), strict=True))
+    return {**found, 'stamp_ns': np.array(stamps)}
 
 
-@pytest.mark.parametrize('kind', FORMATS)
-def test_every_number_is_there_with_all_of_its_digits(
-    rpms: Rpms, session: Path, kind: str
-) -> None:
-    found, before = tables(exported(rpms, session, kind)), read_recording(session)
-    np.testing.assert_array_equal(found['force']['stamp_ns'], before.forces.stamp_ns)
-    np.testing.assert_array_equal(found['force']['force_N'], before.forces.force)
-    np.testing.assert_array_equal(found['pulses']['stamp_ns'], before.pulses.onset_ns)
-    for name, values in (
-        ('intensity', before.pulses.intensity),
-        ('width_s', before.pulses.width),
-        ('sequence', before.pulses.sequence),
+def test_every_number_is_there_with_all_of_its_digits(rpms: Rpms, session: Path) -> None:
+    place, before = exported(rpms, session), read_recording(session)
+    for name, expected in (
+        ('force', {'stamp_ns': before.forces.stamp_ns, 'force_N': before.forces.force}),
+        (
+            'pulses',
+            {
+                'stamp_ns': before.pulses.onset_ns,
+                'intensity': before.pulses.intensity,
+                'width_s': before.pulses.width,
+                'sequence': before.pulses.sequence,
+            },
+        ),
     ):
-        np.testing.assert_array_equal(found['pulses'][name], values)
+        found = table(place, name)
+        assert found.keys() == expected.keys()
+        for column, values in expected.items():
+            np.testing.assert_array_equal(found[column], values)
 
 
 def test_estimates_are_a_table_that_no_spreadsheet_runs(rpms: Rpms, session: Path) -> None:
-    folder = exported(rpms, session, 'csv')
+    folder = exported(rpms, session)
     with (folder / 'estimates.csv').open(newline='') as file:
         rows = list(csv.reader(file))
     assert all(not cell.startswith(('=', '+', '@', '\t')) for row in rows for cell in row)
@@ -153,29 +145,23 @@ def test_estimates_are_a_table_that_no_spreadsheet_runs(rpms: Rpms, session: Pat
     assert json.loads(table['faults'][0]) == {HOSTILE: 2}
 
 
-@pytest.mark.parametrize('kind', FORMATS)
-def test_anonymous_leaves_out_date_name_and_notes(rpms: Rpms, session: Path, kind: str) -> None:
+def test_anonymous_leaves_out_date_name_and_notes(rpms: Rpms, session: Path) -> None:
     named = session.rename(session.with_name('Ada'))
-    place = exported(rpms, named, kind, '--anonymous')
-    files = [place] if place.is_file() else [one for one in place.rglob('*') if one.is_file()]
-    content = b'\n'.join(one.read_bytes() for one in files)
-    if kind == 'mat':
-        content = repr(loadmat(place, simplify_cells=True)).encode()
+    place = exported(rpms, named, '--anonymous')
+    content = b'\n'.join(one.read_bytes() for one in place.iterdir())
     for secret in (b'Ada', b'1700000000', b'2023-11'):
         assert secret not in content
-    found, before = tables(place), read_recording(named)
-    assert found['pulses']['stamp_ns'][0] == 0
-    steps = np.diff(found['force']['stamp_ns'])
-    np.testing.assert_array_equal(steps, np.diff(before.forces.stamp_ns))
+    assert table(place, 'pulses')['stamp_ns'][0] == 0
+    steps = np.diff(table(place, 'force')['stamp_ns'])
+    np.testing.assert_array_equal(steps, np.diff(read_recording(named).forces.stamp_ns))
 
 
-@pytest.mark.parametrize('kind', FORMATS)
 def test_nothing_is_replaced_and_nothing_is_half_written(
-    rpms: Rpms, session: Path, kind: str, monkeypatch: pytest.MonkeyPatch
+    rpms: Rpms, session: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    place = session.with_name('there.mat')
+    place = session.with_name('there')
     place.write_text('mine')
-    code, _, err = rpms('export', session, '--to', kind, '--out', place)
+    code, _, err = rpms('export', session, '--out', place)
     assert code == 2
     assert 'expected nothing at' in err
     assert place.read_text() == 'mine'
@@ -185,18 +171,11 @@ def test_nothing_is_replaced_and_nothing_is_half_written(
     def full(*_: object, **__: object) -> None:
         raise OSError('disk full')
 
-    name = {'csv': 'csv.writer', 'mat': 'scipy.io.savemat'}[kind]
-    monkeypatch.setattr(f'rpms_ros.recording.export.{name}', full)
-    code, _, err = rpms('export', session, '--to', kind, '--out', place)
+    monkeypatch.setattr('rpms_ros.recording.export.csv.writer', full)
+    code, _, err = rpms('export', session, '--out', place)
     assert code == 2
     assert err.endswith('got disk full\n')
     assert sorted(session.parent.iterdir()) == before
-
-
-def test_a_matlab_file_is_called_one(rpms: Rpms, session: Path) -> None:
-    code, _, err = rpms('export', session, '--to', 'mat', '--out', 'a')
-    assert code == 2
-    assert 'expected a file that ends with .mat' in err
 
 
 def test_a_torque_is_named_as_one(rpms: Rpms, session: Path, tmp_path: Path) -> None:
@@ -204,12 +183,10 @@ def test_a_torque_is_named_as_one(rpms: Rpms, session: Path, tmp_path: Path) -> 
     further = [estimates_topic([replace(estimate(int(START)), unit='N m')])]
     path = tmp_path / 'torque'
     write_recording(path, recording.pulses, recording.forces, further=further, quantity='torque')
-    for kind in FORMATS:
-        place = tmp_path / f'{kind}.mat'
-        assert rpms('export', path, '--to', kind, '--out', place, '--quantity', 'torque')[0] == 0
-        torque = tables(place)['force']['torque_Nm']
-        np.testing.assert_array_equal(torque, recording.forces.force)
+    place = tmp_path / 'exported'
+    assert rpms('export', path, '--out', place, '--quantity', 'torque')[0] == 0
+    np.testing.assert_array_equal(table(place, 'force')['torque_Nm'], recording.forces.force)
     # the force of a recording whose estimates are of a torque
-    code, _, err = rpms('export', path, '--to', 'csv', '--out', tmp_path / 'force')
+    code, _, err = rpms('export', path, '--out', tmp_path / 'force')
     assert code == 1
     assert 'expected estimates in N, got N m (--quantity?)' in err

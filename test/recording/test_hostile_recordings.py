@@ -145,7 +145,7 @@ def test_mutated_recordings_are_read_or_refused(bench: ModuleType, tmp_path: Pat
 
 
 @pytest.mark.long
-@pytest.mark.skipif(find_spec('h5py') is None, reason='formats')
+@pytest.mark.skipif(find_spec('openpyxl') is None, reason='formats')
 def test_mutated_files_of_every_other_kind_are_read_or_refused() -> None:
     """In CI as long as the recordings; here a few of each kind, in processes of their own."""
     count = 2 * FUZZ_ROUNDS

@@ -14,7 +14,7 @@ from rpms_ros.identification import Estimate, IdentifiedSession, ModifiedRecursi
 from rpms_ros.muscle import Contraction, simulation_subject
 from rpms_ros.pulses import ForceTrace, PulseTrain
 from rpms_ros.report.figures import draw_session
-from rpms_ros.report.known_muscle import of_subject, truth_table
+from rpms_ros.report.known_muscle import of_subject
 from rpms_ros.report.recorded import compare, differences
 
 
@@ -41,15 +41,6 @@ def test_a_figure_is_drawn(tmp_path: Path, low: float, known: bool) -> None:
     # four panels with lines: far from blank
     assert picture.shape[0] > 800
     assert np.mean(np.any(picture < 0.9, axis=2)) > 0.02
-
-
-def test_the_table_holds_truth_against_what_was_found() -> None:
-    lines = truth_table(session()[0], of_subject(simulation_subject(), 20.0)).splitlines()
-    cells = {line.split('  ')[1]: line.split() for line in lines[1:]}
-    assert cells['u_thr'][1] == '0.48'
-    assert cells['alpha_thr'][1:] == ['6', '6']
-    assert float(cells['steady force at 20 Hz / N'][-2]) == pytest.approx(10.0, abs=0.01)
-    assert len({len(line) for line in lines if line.endswith('%')}) == 1
 
 
 def nudged(estimate: Estimate) -> Estimate:

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Files that a library reads: MATLAB of version 5 and 7.3 (HDF5), Excel workbooks.
+"""Files that a library reads: MATLAB up to version 7, Excel workbooks.
 
 Of MATLAB every vector and every column of a matrix, in structures too; of Excel one sheet as a
 table, its numbers below a header.
@@ -21,7 +21,6 @@ from rpms_ros.pulses import FloatArray
 from rpms_ros.recording.importing.signals import Events, Signal, SignalFile, needed, unit_of
 from rpms_ros.recording.importing.text import first_row, signals_of
 
-_HDF5 = b'\x89HDF'
 _RATES = ('fs', 'samplerate', 'samplingrate', 'sampling_rate', 'sample_rate', 'rate', 'srate')
 _MOST_COLUMNS = 64
 _WAVEFORM = {'interval', 'start', 'values'}
@@ -62,19 +61,16 @@ def read_matlab(path: Path) -> SignalFile:
     Raises
     ------
     RecordingError
-        If the file is damaged, or of version 7.3 and h5py is not installed.
+        If the file is damaged.
     """
-    with path.open('rb') as file:
-        hdf5 = _HDF5 in file.read(1024)
     try:
-        if not hdf5:
-            content = _loadmat(path)
-            if (channels := _spike2_channels(path, content)) is not None:
-                return channels
-        items = list(_from_hdf5(path) if hdf5 else _from_structure(content))
+        content = _loadmat(path)
+        if (channels := _spike2_channels(path, content)) is not None:
+            return channels
+        items = list(_from_structure(content))
     except RecordingError:
         raise
-    # scipy and h5py raise whatever the damage leads to
+    # scipy raises whatever the damage leads to
     except Exception as error:
         raise RecordingError(f'expected a MATLAB file at {path}, got {error}') from error
     vectors = [vector for name, array in items for vector in _vectors(name, array)]
@@ -85,7 +81,7 @@ def read_matlab(path: Path) -> SignalFile:
     ]
     return SignalFile(
         path,
-        f'MATLAB {"7.3" if hdf5 else "5"}',
+        'MATLAB',
         tuple(Signal(name, values, unit_of(name)) for name, values in vectors),
         sampling_rate_hz=rates[0] if rates and rates[0] > 0.0 else None,
     )
@@ -114,19 +110,6 @@ def _from_structure(content: Mapping[str, Any], place: str = '') -> Iterator[tup
 
 def _fields(value: Any) -> dict[str, Any]:
     return {name: getattr(value, name) for name in getattr(value, '_fieldnames', ())}
-
-
-def _from_hdf5(path: Path) -> Iterator[tuple[str, Any]]:
-    h5py = needed('h5py', f'a MATLAB file of version 7.3 ({path})')
-    found: list[tuple[str, Any]] = []
-
-    def visit(name: str, item: Any) -> None:
-        if isinstance(item, h5py.Dataset) and item.dtype.kind in 'fiub' and '#' not in name:
-            found.append((name.replace('/', '.'), item[()]))
-
-    with h5py.File(path, 'r') as file:
-        file.visititems(visit)
-    yield from found
 
 
 def _spike2_channels(path: Path, content: Mapping[str, Any]) -> SignalFile | None:

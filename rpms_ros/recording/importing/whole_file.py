@@ -38,7 +38,6 @@ from rpms_ros.recording.importing.signals import (
     ImportOptions,
     Signal,
     SignalFile,
-    needed,
 )
 from rpms_ros.recording.importing.text import read_text
 from rpms_ros.recording.rosbag.scan import READERS
@@ -357,17 +356,6 @@ def _stated_sizes(path: Path) -> Iterator[int]:
         if head.startswith(_ZIP):
             with ZipFile(file) as archive:
                 yield from (_PER_CELL * part.file_size for part in archive.infolist())
-        elif _HDF5 in head:
-            h5py = needed('h5py', f'a MATLAB file of version 7.3 ({path})')
-            sets: list[int] = []
-
-            def visit(_: str, item: object) -> None:
-                if isinstance(item, h5py.Dataset):
-                    sets.append((item.size or 0) * item.dtype.itemsize)
-
-            with h5py.File(path, 'r') as content:
-                content.visititems(visit)
-            yield from sets
         elif head.startswith(_MATLAB) or path.suffix.lower() == '.mat':
             order = '<' if head[126:128] == b'IM' else '>'
             file.seek(128)
@@ -415,7 +403,12 @@ def read_signals(path: Path, block: int | None = None, sheet: str | None = None)
         known = partial(read_excel, sheet=sheet)
     elif sheet is not None:
         raise RecordingError(f'expected a workbook with --sheet, got {path}')
-    elif head.startswith((_HDF5, _MATLAB)) or path.suffix.lower() == '.mat':
+    elif _HDF5 in head:
+        raise RecordingError(
+            f"expected a MATLAB file up to version 7, as save(..., '-v7') writes it, got 7.3 in "
+            f'{path}'
+        )
+    elif head.startswith(_MATLAB) or path.suffix.lower() == '.mat':
         known = read_matlab
     if known is None:
         return read_text(path, block)
