@@ -7,7 +7,7 @@ parsers.  `sendable` says whether a ROS message can carry a text at all.
 """
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from random import Random
 
 SCHEDULE = """\
@@ -96,7 +96,7 @@ KNOWN = (
 )
 
 
-def sendable(text: str) -> bool:
+def sendable(text):
     """Whether a ROS string can hold the text: UTF-8 without a zero byte."""
     try:
         return b'\0' not in text.encode('utf-8')
@@ -104,13 +104,13 @@ def sendable(text: str) -> bool:
         return False
 
 
-def hostile_text(random: Random) -> str:
+def hostile_text(random):
     """Return one hostile text; most look like a schedule."""
     ways: list[Callable[[Random], str]] = [_grown, _grown, _changed, _changed, _bent, _noise]
     return random.choice(ways)(random)
 
 
-def hostile_texts(count: int, seed: int = 0) -> Iterator[str]:
+def hostile_texts(count, seed=0):
     """Yield ``count`` hostile texts, those that are known first."""
     yield from KNOWN[:count]
     random = Random(seed)
@@ -118,15 +118,15 @@ def hostile_texts(count: int, seed: int = 0) -> Iterator[str]:
         yield hostile_text(random)
 
 
-def _scalar(random: Random) -> str:
+def _scalar(random):
     return random.choice(SCALARS if random.random() < 0.6 else WORDS)
 
 
-def _key(random: Random) -> str:
+def _key(random):
     return random.choice(WORDS) if random.random() < 0.85 else _scalar(random)
 
 
-def _flow(random: Random, depth: int) -> str:
+def _flow(random, depth):
     """Return a value in flow style, from the grammar of YAML."""
     if depth <= 0 or random.random() < 0.4:
         return _scalar(random)
@@ -138,7 +138,7 @@ def _flow(random: Random, depth: int) -> str:
     return f'{mark}[{", ".join(_flow(random, depth - 1) for _ in items)}]'
 
 
-def _grown(random: Random) -> str:
+def _grown(random):
     """Return a document that has keys of a schedule and values of all kinds."""
     count = random.randrange(1, 7)
     lines = [f'{_key(random)}: {_flow(random, random.randrange(1, 5))}' for _ in range(count)]
@@ -151,7 +151,7 @@ def _grown(random: Random) -> str:
     return '\n'.join(lines)
 
 
-def _changed(random: Random) -> str:
+def _changed(random):
     """Return a good schedule with one to three values replaced."""
     text = SCHEDULE
     for _ in range(random.randrange(1, 4)):
@@ -161,7 +161,7 @@ def _changed(random: Random) -> str:
     return text
 
 
-def _bent(random: Random) -> str:
+def _bent(random):
     """Return a good schedule with bytes changed, removed, put in, or said twice."""
     data = bytearray(SCHEDULE, 'utf-8')
     for _ in range(random.choice((1, 1, 2, 10))):
@@ -179,10 +179,10 @@ def _bent(random: Random) -> str:
     return _decoded(bytes(data), random)
 
 
-def _noise(random: Random) -> str:
+def _noise(random):
     return _decoded(random.randbytes(random.randrange(300)), random)
 
 
-def _decoded(data: bytes, random: Random) -> str:
+def _decoded(data, random):
     """Return bytes as text; surrogates stand for what is not UTF-8, or Latin-1 does."""
     return data.decode(*random.choice((('utf-8', 'surrogateescape'), ('latin-1', 'strict'))))

@@ -3,7 +3,6 @@
 """Recordings of sqlite3, which the package reads and does not write."""
 
 import shutil
-from pathlib import Path
 
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin, Writer
@@ -11,7 +10,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rpms_ros.recording.rosbag.definitions import known_types
 
 
-def as_sqlite3(path: Path) -> Path:
+def as_sqlite3(path):
     """Turn a recording into one of sqlite3, as ``ros2 bag convert`` does; return its file."""
     moved = path.rename(path.with_name(f'{path.name}_before'))
     plugin = StoragePlugin.SQLITE3

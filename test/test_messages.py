@@ -2,10 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Messages to domain values and back, with the classes of rclpy and of rosbags."""
 
-import math
-import re
-from dataclasses import fields
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -28,7 +24,7 @@ stamps = st.integers(-(2**31) * 10**9, 2**31 * 10**9 - 1)
 numbers = st.floats(allow_nan=False, allow_infinity=False)
 
 
-def estimate(**changes: Any) -> Estimate:
+def estimate(**changes):
     values: dict[str, Any] = {
         'stamp_ns': 1_700_000_000_123_456_789,
         'estimator': 'recursive',
@@ -68,7 +64,7 @@ def estimate(**changes: Any) -> Estimate:
     return Estimate(**values | changes)
 
 
-def same(first: Any, second: Any) -> bool:
+def same(first, second):
     """Equal in every bit, arrays included."""
     if isinstance(first, np.ndarray):
         return first.shape == second.shape and first.tobytes() == second.tobytes()
@@ -76,14 +72,12 @@ def same(first: Any, second: Any) -> bool:
 
 
 @given(stamps, numbers, st.integers(0, 2**32 - 1), numbers)
-def test_a_pulse_survives_the_round_trip(
-    onset: int, intensity: float, sequence: int, width: float
-) -> None:
+def test_a_pulse_survives_the_round_trip(onset, intensity, sequence, width):
     pulse = Pulse(onset, intensity, sequence, width)
     assert messages.pulse_of(messages.pulse_message(pulse, MESSAGE_TYPES)) == pulse
 
 
-def test_integers_become_floats_and_the_sequence_wraps() -> None:
+def test_integers_become_floats_and_the_sequence_wraps():
     message = messages.pulse_message(Pulse(5, 1, 2**32 + 7, 0), MESSAGE_TYPES, 'coil')
     assert type(message.intensity) is float
     assert type(message.width) is float
@@ -93,24 +87,11 @@ def test_integers_become_floats_and_the_sequence_wraps() -> None:
 
 @pytest.mark.parametrize('build', [MESSAGE_TYPES, STORE.types], ids=['rclpy', 'rosbags'])
 @given(stamp=stamps, force=numbers)
-def test_a_force_survives_the_round_trip(
-    build: messages.MessageTypes, stamp: int, force: float
-) -> None:
+def test_a_force_survives_the_round_trip(build, stamp, force):
     for axis in messages.AXES.values():
         message = messages.force_message(stamp, force, axis, build, 'sensor')
         assert messages.force_of(message, axis) == (stamp, force)
     assert message.header.frame_id == 'sensor'
-
-
-def test_the_force_is_the_share_along_the_axis() -> None:
-    axis = unit_vector('3, 0, -4')
-    vector = SimpleNamespace(x=1.0, y=math.nan, z=-2.0)
-    stamp = SimpleNamespace(sec=0, nanosec=1)
-    message = SimpleNamespace(
-        header=SimpleNamespace(stamp=stamp), wrench=SimpleNamespace(force=vector)
-    )
-    # 0.6 * 1 + 0.8 * 2, within the rounding of three operations
-    assert messages.force_of(message, axis)[1] == pytest.approx(2.2, rel=1e-15)
 
 
 # far enough below the largest double that three of them can be added
@@ -118,9 +99,7 @@ forces = st.floats(-1e300, 1e300)
 
 
 @given(st.tuples(forces, forces, forces), stamps)
-def test_force_and_axis_agree_with_those_of_a_recording(
-    vector: tuple[float, float, float], stamp: int
-) -> None:
+def test_force_and_axis_agree_with_those_of_a_recording(vector, stamp):
     axis = unit_vector('0.3,-0.2,0.9')
     message = messages.force_message(stamp, 0.0, axis, STORE.types)
     message.wrench.force = STORE.types[messages.VECTOR](*vector)
@@ -130,7 +109,7 @@ def test_force_and_axis_agree_with_those_of_a_recording(
     assert np.array([live]).tobytes() == recorded.tobytes()
 
 
-def test_an_estimate_survives_the_round_trip_in_every_bit() -> None:
+def test_an_estimate_survives_the_round_trip_in_every_bit():
     for given_ in (
         estimate(),
         estimate(curve_force=np.empty(0), nonlinear_covariance=np.empty((0, 0))),
@@ -141,7 +120,7 @@ def test_an_estimate_survives_the_round_trip_in_every_bit() -> None:
             assert same(value, getattr(returned, name)), name
 
 
-def test_every_field_of_the_message_is_filled() -> None:
+def test_every_field_of_the_message_is_filled():
     full = estimate(
         curve_lower=np.zeros(11),
         curve_upper=np.ones(11),
@@ -171,14 +150,14 @@ def test_every_field_of_the_message_is_filled() -> None:
         ('change_ago', 1),
     ],
 )
-def test_arrays_that_belong_together_have_one_length(name: str, length: int) -> None:
+def test_arrays_that_belong_together_have_one_length(name, length):
     message = estimate_messages.estimate_message(estimate(), MESSAGE_TYPES)
     setattr(message, name, getattr(message, name)[:-1])
     with pytest.raises(MessageError, match=f'expected {length} elements in {name}'):
         estimate_messages.estimate_of(message)
 
 
-def test_what_a_device_could_not_confirm_goes_with_its_pulse() -> None:
+def test_what_a_device_could_not_confirm_goes_with_its_pulse():
     pulse = Pulse(1, 0.5, 2, 1e-4, 3)
     message = messages.pulse_message(pulse, MESSAGE_TYPES)
     assert message.unverified == message.UNVERIFIED_DELIVERY | message.UNVERIFIED_INTENSITY
@@ -188,15 +167,7 @@ def test_what_a_device_could_not_confirm_goes_with_its_pulse() -> None:
     assert messages.pulse_of(older) == pulse._replace(unverified=0)
 
 
-def test_every_field_of_an_estimate_is_one_of_its_message() -> None:
-    definition = Path(__file__).parents[1] / 'msg_defs' / 'msg' / 'MuscleEstimate.msg'
-    in_message = set(re.findall(r'^[\w/\[\]]+ (\w+)(?: |$)', definition.read_text(), re.MULTILINE))
-    in_estimate = {field.name for field in fields(Estimate)}
-    apart = {'stamp_ns', 'faults'}, {'header', 'fault_names', 'fault_counts'}
-    assert in_estimate - apart[0] == in_message - apart[1]
-
-
-def test_an_estimate_of_an_older_definition_is_read() -> None:
+def test_an_estimate_of_an_older_definition_is_read():
     """Without what was appended later."""
     message = estimate_messages.estimate_message(estimate(), MESSAGE_TYPES)
     younger = ('rate', 'change', 'disturbance', 'reasons', 'nonlinear_identifiability', 'unit')

@@ -1,30 +1,27 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Pulses and force samples as arrays."""
+"""Pulses and forces as arrays, their hash, and the axis of a sensor."""
 
 from functools import partial
-from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 from hypothesis import given, strategies as st
 
-from rpms_ros.pulses import MAGNETIC_PULSE_WIDTH, ForceTrace, Pulse, PulseTrain
+from rpms_ros.axis import unit_vector
+from rpms_ros.cli.options import add_reading_options
+from rpms_ros.errors import AxisError
+from rpms_ros.pulses import ForceTrace, Pulse, PulseHash, PulseTrain, hash_of
 
 EPOCH_NS = 1_700_000_000_123_456_789
 
 
-def fields(train: PulseTrain) -> list[list[float]]:
-    return [
-        list(train.onset_ns),
-        list(train.intensity),
-        list(train.sequence),
-        list(train.width),
-    ]
+def fields(train):
+    return [list(one) for one in (train.onset_ns, train.intensity, train.sequence, train.width)]
 
 
-def test_a_train_of_pulses_keeps_order_and_bits() -> None:
+def test_a_train_of_pulses_keeps_order_and_bits():
     pulses = [Pulse(EPOCH_NS + 5, 0.25, 7, 2e-4), Pulse(EPOCH_NS, 1.0, 3)]
     train = PulseTrain.of(pulses)
     assert [Pulse(*values) for values in zip(*fields(train), strict=True)] == pulses
@@ -32,7 +29,7 @@ def test_a_train_of_pulses_keeps_order_and_bits() -> None:
     assert train.sequence.dtype == np.int64
 
 
-def test_no_pulses_are_a_train_too() -> None:
+def test_no_pulses_are_a_train_too():
     train = PulseTrain.of([])
     assert len(train) == 0
     assert train.onset_ns.dtype == np.int64
@@ -40,33 +37,14 @@ def test_no_pulses_are_a_train_too() -> None:
 
 
 @given(st.floats(0.5, 1000.0), st.integers(0, 500), st.integers(0, EPOCH_NS))
-def test_a_regular_train_never_drifts(rate_hz: float, index: int, start_ns: int) -> None:
+def test_a_regular_train_never_drifts(rate_hz, index, start_ns):
     train = PulseTrain.regular(np.full(index + 1, 0.5), rate_hz, start_ns)
     # Half a nanosecond by rounding to whole ones, and 500 s resolve to 1e-4 ns.
     assert abs(int(train.onset_ns[-1]) - start_ns - index * 1e9 / rate_hz) <= 0.501
 
 
-def test_a_regular_train_counts_its_pulses() -> None:
-    train = PulseTrain.regular([0.1, 0.2, 0.3], 20.0, EPOCH_NS, width=2e-4)
-    assert fields(train) == [
-        [EPOCH_NS, EPOCH_NS + 50_000_000, EPOCH_NS + 100_000_000],
-        [0.1, 0.2, 0.3],
-        [0, 1, 2],
-        [2e-4] * 3,
-    ]
-    assert PulseTrain.regular([0.1], 20.0).width[0] == MAGNETIC_PULSE_WIDTH
-
-
-def test_a_part_of_a_train() -> None:
-    train = PulseTrain.regular([0.1, 0.2, 0.3], 20.0)
-    assert fields(train[1:]) == [values[1:] for values in fields(train)]
-    chosen = train[train.intensity > 0.15]
-    assert fields(chosen) == fields(train[1:])
-    assert fields(train[np.array([2, 0])]) == [[v[2], v[0]] for v in fields(train)]
-
-
 @given(st.integers(0, 6))
-def test_parts_joined_are_the_whole(cut: int) -> None:
+def test_parts_joined_are_the_whole(cut):
     train = PulseTrain.regular(np.linspace(0.0, 1.0, 6), 20.0)
     assert fields(PulseTrain.joined([train[:cut], train[cut:]])) == fields(train)
 
@@ -81,7 +59,7 @@ KINDS = [
 
 
 @pytest.mark.parametrize('kind', KINDS)
-def test_numbers_of_any_kind_become_arrays(kind: Any) -> None:
+def test_numbers_of_any_kind_become_arrays(kind):
     stamps = [EPOCH_NS, EPOCH_NS + 1]
     train = PulseTrain(kind(stamps), kind([0, 1]), kind([0, 1]), kind([1e-4, 1e-4]))
     forces = ForceTrace(kind(stamps), kind([1, 2]))
@@ -95,13 +73,13 @@ def test_numbers_of_any_kind_become_arrays(kind: Any) -> None:
     assert fields(train[train.intensity > 0.5]) == [[EPOCH_NS + 1], [1.0], [1], [1e-4]]
 
 
-def test_times_of_pandas_are_nanoseconds() -> None:
+def test_times_of_pandas_are_nanoseconds():
     stamps = pd.to_datetime(pd.Series([EPOCH_NS, EPOCH_NS + 7]))
     assert ForceTrace(stamps, [0.0, 0.0]).stamp_ns.tolist() == [EPOCH_NS, EPOCH_NS + 7]
     assert ForceTrace(np.arange(3, dtype=np.int32), np.zeros(3)).stamp_ns.dtype == np.int64
 
 
-def test_arrays_that_are_kept_are_not_copied() -> None:
+def test_arrays_that_are_kept_are_not_copied():
     stamps, force = np.arange(3, dtype=np.int64), np.zeros(3)
     trace = ForceTrace(stamps, force)
     assert trace.stamp_ns is stamps
@@ -128,6 +106,65 @@ def test_arrays_that_are_kept_are_not_copied() -> None:
         ),
     ],
 )
-def test_what_cannot_be_such_arrays_is_refused(make: Any, match: str) -> None:
+def test_what_cannot_be_such_arrays_is_refused(make, match):
     with pytest.raises(ValueError, match=match):
         make()
+
+
+PULSES = st.lists(
+    st.builds(
+        Pulse,
+        st.integers(-(2**62), 2**62),
+        st.floats(0, 1),
+        st.integers(0, 2**40),
+        st.floats(0, 0.01),
+    ),
+    min_size=1,
+    max_size=20,
+)
+
+
+@given(PULSES)
+def test_one_by_one_is_all_at_once(pulses):
+    hashed = PulseHash()
+    for pulse in pulses:
+        hashed.add(pulse)
+    found = hashed.taken()
+    assert found.count == len(pulses)
+    assert found.first_ns == pulses[0].onset_ns
+    assert found.sha256 == hash_of(PulseTrain.of(pulses))
+    assert hashed.taken() is None
+
+
+@given(PULSES)
+def test_any_change_gives_another_hash(pulses):
+    train = PulseTrain.of(pulses)
+    for changed in (
+        pulses[:-1],
+        [*pulses, pulses[0]],
+        [pulses[0]._replace(onset_ns=pulses[0].onset_ns + 1), *pulses[1:]],
+        [pulses[0]._replace(intensity=pulses[0].intensity + 0.5), *pulses[1:]],
+        [pulses[0]._replace(sequence=pulses[0].sequence + 1), *pulses[1:]],
+        [pulses[0]._replace(width=pulses[0].width + 1e-6), *pulses[1:]],
+    ):
+        assert hash_of(PulseTrain.of(changed)) != hash_of(train)
+
+
+def test_a_direction_has_length_one_whatever_it_is_written_with():
+    assert unit_vector('0,-5,0') == (0.0, -1.0, 0.0)
+    assert unit_vector((3e200, 0.0, 4e200)) == pytest.approx((0.6, 0.0, 0.8), abs=1e-15)
+
+
+@pytest.mark.parametrize('text', ['', 'up', '-w', '1,2', '0,0,0', 'nan,0,1', 'inf,0,0', '1,2,3,4'])
+def test_what_is_no_direction_is_refused(text):
+    with pytest.raises(AxisError, match='expected axis x, y, z, -x or three numbers'):
+        unit_vector(text)
+
+
+def test_a_command_takes_a_negative_axis():
+    import argparse
+
+    parser = argparse.ArgumentParser()
+    add_reading_options(parser)
+    axis = parser.parse_args(['--axis=-z']).axis
+    assert unit_vector(axis) == (0.0, 0.0, -1.0)

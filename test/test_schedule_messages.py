@@ -3,7 +3,6 @@
 """Schedules as messages and back: every kind, and what is refused with its place."""
 
 import math
-from typing import Any
 
 import pytest
 from hypothesis import given, strategies as st
@@ -40,28 +39,28 @@ segments:
 """
 
 
-def train(**changes: Any) -> ScheduleSegment:
+def train(**changes):
     values = {'kind': ScheduleSegment.CONSTANT, 'rate_hz': 20.0, 'duration_s': 1.0}
     return ScheduleSegment(**{**values, 'intensity': 0.5, **changes})
 
 
-def repeat(times: int, length: int) -> ScheduleSegment:
+def repeat(times, length):
     return ScheduleSegment(kind=ScheduleSegment.REPEAT, times=times, length=length)
 
 
-def refusal(*segments: ScheduleSegment, **values: Any) -> str:
+def refusal(*segments, **values):
     with pytest.raises(StimulationError, match='expected') as caught:
         schedule_of(ScheduleMessage(segments=list(segments), **values))
     return str(caught.value)
 
 
-def test_the_numbers_of_the_kinds_are_those_of_the_message() -> None:
+def test_the_numbers_of_the_kinds_are_those_of_the_message():
     assert set(KINDS) == {*SEGMENT_KINDS, 'repeat'}
     for number, kind in enumerate(KINDS, 1):
         assert getattr(ScheduleSegment, kind.upper()) == number
 
 
-def test_every_kind_goes_into_a_message_and_back() -> None:
+def test_every_kind_goes_into_a_message_and_back():
     schedule = schedule_from_text(EVERY_KIND)
     message = schedule_message(schedule, MESSAGE_TYPES)
     assert schedule_of(message) == schedule
@@ -71,9 +70,7 @@ def test_every_kind_goes_into_a_message_and_back() -> None:
 
 
 @given(depth=st.integers(0, 8), times=st.integers(1, 3), seed=st.none() | st.integers(0, 2**53))
-def test_any_nesting_that_a_file_may_have_goes_there_and_back(
-    depth: int, times: int, seed: int | None
-) -> None:
+def test_any_nesting_that_a_file_may_have_goes_there_and_back(depth, times, seed):
     own = '' if seed is None else f', seed: {seed}'
     text = f'{{kind: uniform_random, rate_hz: 5.0, duration_s: 1.0{own}}}'
     for _ in range(depth):
@@ -82,7 +79,7 @@ def test_any_nesting_that_a_file_may_have_goes_there_and_back(
     assert schedule_of(schedule_message(schedule, MESSAGE_TYPES)) == schedule
 
 
-def test_what_is_left_empty_takes_what_a_file_takes() -> None:
+def test_what_is_left_empty_takes_what_a_file_takes():
     schedule = schedule_of(ScheduleMessage(segments=[train()]))
     expected = schedule_from_text(
         'segments: [{kind: constant, rate_hz: 20.0, duration_s: 1.0, intensity: 0.5}]'
@@ -91,7 +88,7 @@ def test_what_is_left_empty_takes_what_a_file_takes() -> None:
     assert isinstance(schedule, Schedule)
 
 
-def test_an_intensity_that_is_not_given_is_zero() -> None:
+def test_an_intensity_that_is_not_given_is_zero():
     """A file takes 1.0 there; a message cannot tell whether somebody wrote its zero."""
     schedule = schedule_of(ScheduleMessage(segments=[train(intensity=0.0)]))
     assert schedule.plan.intensity.max(initial=0.0) == 0.0
@@ -137,7 +134,7 @@ def test_an_intensity_that_is_not_given_is_zero() -> None:
         ),
     ],
 )
-def test_a_fault_is_named_by_its_place(segments: list[ScheduleSegment], said: str) -> None:
+def test_a_fault_is_named_by_its_place(segments, said):
     assert refusal(*segments).startswith(said)
 
 
@@ -151,7 +148,7 @@ def test_a_fault_is_named_by_its_place(segments: list[ScheduleSegment], said: st
         ({'width_s': math.nan}, 'width_s: expected a number'),
     ],
 )
-def test_values_of_the_whole_are_bounded(values: dict[str, Any], said: str) -> None:
+def test_values_of_the_whole_are_bounded(values, said):
     assert refusal(train(), **values).startswith(said)
 
 
@@ -175,7 +172,7 @@ ANY_SEGMENT = st.builds(
 
 
 @given(segments=st.lists(ANY_SEGMENT, max_size=6), name=st.text(max_size=70))
-def test_any_message_is_a_schedule_or_refused(segments: list[ScheduleSegment], name: str) -> None:
+def test_any_message_is_a_schedule_or_refused(segments, name):
     message = ScheduleMessage(segments=segments, name=name)
     try:
         schedule = schedule_of(message)

@@ -5,16 +5,15 @@
 import pytest
 
 import rpms_ros
-from rpms_ros import Identification, Session
 
 
 @pytest.fixture(scope='package')
-def simulated() -> Session:
+def simulated():
     """Fifteen seconds of the paper's simulated identification, with noise."""
     return rpms_ros.simulate(duration=15.0, noise=0.02)
 
 
 @pytest.fixture(scope='package')
-def found(simulated: Session) -> Identification:
+def found(simulated):
     """What the batch finds of it."""
     return simulated.identify()

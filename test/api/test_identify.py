@@ -11,14 +11,14 @@ from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 
 import rpms_ros
-from rpms_ros import Identification, RpmsError, Session
+from rpms_ros import RpmsError
 from rpms_ros.cli import main
 
 SAMPLE = Path(__file__).resolve().parents[2] / 'bags' / 'sample'
 
 
 @pytest.mark.long
-def test_it_is_what_the_command_prints(capsys: pytest.CaptureFixture[str]) -> None:
+def test_it_is_what_the_command_prints(capsys):
     assert main(['identify', str(SAMPLE), '--estimator', 'batch', '--json', '--quiet']) == 0
     printed = json.loads(capsys.readouterr().out)
     result = rpms_ros.load(SAMPLE).identify()
@@ -27,9 +27,8 @@ def test_it_is_what_the_command_prints(capsys: pytest.CaptureFixture[str]) -> No
     assert json.loads(result.to_json()) == printed
 
 
-def test_the_truth_of_a_simulated_muscle_is_found(found: Identification) -> None:
+def test_the_truth_of_a_simulated_muscle_is_found(found):
     subject = found.session.subject
-    assert subject is not None
     assert found.curve is not None
     for intensity in (0.5, 0.75, 1.0):
         stated = found.force_at(intensity)
@@ -42,19 +41,18 @@ def test_the_truth_of_a_simulated_muscle_is_found(found: Identification) -> None
     assert found.parameters['twitch_peak_n'].unit == 'N'
 
 
-def test_intervals_of_parameters_hold_their_values(found: Identification) -> None:
+def test_intervals_of_parameters_hold_their_values(found):
     for name, one in found.parameters.items():
         assert one.lower <= one.value < one.upper, name
     slope = found.parameters['alpha_sat']
     # symmetric in the logarithm
     assert slope.upper / slope.value == pytest.approx(slope.value / slope.lower, rel=1e-12)
     deviation = found.result.deviation
-    assert deviation is not None
     width = found.parameters['u_thr'].upper - found.parameters['u_thr'].value
     assert width == pytest.approx(1.959964 * deviation['u_thr'], rel=1e-6)
 
 
-def test_the_verdict_on_a_force_of_the_wrong_sign_is_no(simulated: Session) -> None:
+def test_the_verdict_on_a_force_of_the_wrong_sign_is_no(simulated):
     force = replace(simulated.force, force=-simulated.force.force)
     wrong = replace(simulated, recording=replace(simulated.recording, forces=force))
     found = wrong.identify()
@@ -64,9 +62,7 @@ def test_the_verdict_on_a_force_of_the_wrong_sign_is_no(simulated: Session) -> N
     assert 'u_thr' not in str(found) + found._repr_html_()
 
 
-def test_the_text_is_that_of_the_command(
-    found: Identification, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_text_is_that_of_the_command(found, tmp_path, capsys):
     found.session.save(tmp_path / 'leg')
     assert main(['identify', str(tmp_path / 'leg'), '--quiet']) == 0
     assert capsys.readouterr().out.splitlines()[1:] == str(found).splitlines()[1:]
@@ -79,7 +75,7 @@ def test_the_text_is_that_of_the_command(
     )
 
 
-def test_one_intensity_has_no_curve_but_a_response() -> None:
+def test_one_intensity_has_no_curve_but_a_response():
     result = rpms_ros.simulate('constant', duration=5.0, intensity=0.7).identify()
     assert result.curve is None
     assert len(result.response.force) == len(result.response.time_s) > 50
@@ -89,7 +85,7 @@ def test_one_intensity_has_no_curve_but_a_response() -> None:
         result.force_at(0.5)
 
 
-def test_no_curve_from_pulses_on_another_clock_is_not_called_one_intensity() -> None:
+def test_no_curve_from_pulses_on_another_clock_is_not_called_one_intensity():
     session = rpms_ros.simulate(duration=5.0)
     pulses = session.pulses
     late = replace(pulses, onset_ns=pulses.onset_ns + 3_600_000_000_000)
@@ -101,12 +97,12 @@ def test_no_curve_from_pulses_on_another_clock_is_not_called_one_intensity() -> 
 
 
 @pytest.mark.parametrize('intensity', [-0.1, 1.1, float('nan'), '0.5', None])
-def test_a_force_outside_the_curve_is_refused(found: Identification, intensity: float) -> None:
+def test_a_force_outside_the_curve_is_refused(found, intensity):
     with pytest.raises(RpmsError, match='expected an intensity from 0 to 1'):
         found.force_at(intensity)
 
 
-def test_an_estimator_on_line_keeps_a_path_of_estimates(simulated: Session) -> None:
+def test_an_estimator_on_line_keeps_a_path_of_estimates(simulated):
     taken: list[int] = []
     result = simulated.identify('tracking', most_estimates=10, progress=taken.append)
     # fifteen seconds every 1.6 s, a power of two of the period on line, and the last one
@@ -127,14 +123,12 @@ def test_an_estimator_on_line_keeps_a_path_of_estimates(simulated: Session) -> N
         ({'rate_hz': '20'}, "expected a repetition rate from 0.1 to 1000 Hz, got '20'"),
     ],
 )
-def test_a_wrong_option_is_named(
-    simulated: Session, options: dict[str, object], message: str
-) -> None:
+def test_a_wrong_option_is_named(simulated, options, message):
     with pytest.raises(RpmsError, match=message):
-        simulated.identify(**options)  # type: ignore[arg-type]
+        simulated.identify(**options)
 
 
-def test_the_figure_can_be_shown_and_saved(found: Identification, tmp_path: Path) -> None:
+def test_the_figure_can_be_shown_and_saved(found, tmp_path):
     figure = found.plot()
     try:
         assert plt.fignum_exists(figure.number)

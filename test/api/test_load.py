@@ -8,20 +8,20 @@ import numpy as np
 import pytest
 
 import rpms_ros
-from rpms_ros import RpmsError, Session
+from rpms_ros import RpmsError
 from rpms_ros.recording import session_hash
 
 SAMPLE = Path(__file__).resolve().parents[2] / 'bags' / 'sample'
 COLUMNS = ('t', 'F', 'gate')
 
 
-def table(path: Path, name: str = 'trial.csv') -> Path:
+def table(path, name='trial.csv'):
     rows = [f'{i / 1000},{0.5 * i},{int(i % 50 < 2)}' for i in range(200)]
     (path / name).write_text('\n'.join(('t,F,gate', *rows)) + '\n')
     return path / name
 
 
-def test_info_says_what_the_session_holds() -> None:
+def test_info_says_what_the_session_holds():
     session = rpms_ros.load(str(SAMPLE))
     assert '<tr><th>samples</th><td>30000' in session._repr_html_()
     info = session.info()
@@ -31,7 +31,7 @@ def test_info_says_what_the_session_holds() -> None:
     assert (info['faults'], info['remarks']) == ({}, [])
 
 
-def test_a_table_becomes_a_session(tmp_path: Path) -> None:
+def test_a_table_becomes_a_session(tmp_path):
     session = rpms_ros.load(table(tmp_path), columns=COLUMNS, intensity=0.8, sign=-1)
     assert session.info()['storage'] == 'table'
     # the gate is up from the first row on: the first pulse is not known, nor what it acts on
@@ -39,7 +39,7 @@ def test_a_table_becomes_a_session(tmp_path: Path) -> None:
     assert session.force.force.tolist() == [-0.5 * i for i in range(50, 200)]
 
 
-def test_a_session_is_written_and_read_again(simulated: Session, tmp_path: Path) -> None:
+def test_a_session_is_written_and_read_again(simulated, tmp_path):
     simulated.save(tmp_path / 'kept', compression='zstd')
     again = rpms_ros.load(tmp_path / 'kept')
     assert session_hash(again.recording) == session_hash(simulated.recording)
@@ -48,13 +48,13 @@ def test_a_session_is_written_and_read_again(simulated: Session, tmp_path: Path)
         simulated.save(tmp_path / 'kept')
 
 
-def test_what_is_not_on_the_disk_cannot_be_verified(simulated: Session) -> None:
+def test_what_is_not_on_the_disk_cannot_be_verified(simulated):
     for session in (simulated, rpms_ros.load(SAMPLE).between(0.0, 1.0)):
         with pytest.raises(RpmsError, match=r'expected a session that was loaded.*save\(\)'):
             session.verify()
 
 
-def test_a_part_has_the_samples_and_pulses_of_its_time(simulated: Session) -> None:
+def test_a_part_has_the_samples_and_pulses_of_its_time(simulated):
     part = simulated.between(2.0, 5.0)
     assert len(part.force) == 3001
     assert len(part.pulses) == 61
@@ -76,24 +76,24 @@ def test_a_part_has_the_samples_and_pulses_of_its_time(simulated: Session) -> No
         ({'force_topic': 'torque'}, 'expected .*torque'),
     ],
 )
-def test_a_wrong_option_is_named(change: dict[str, object], message: str) -> None:
+def test_a_wrong_option_is_named(change, message):
     options = {'path': SAMPLE, **change}
     with pytest.raises(RpmsError, match=message):
-        rpms_ros.load(**options)  # type: ignore[arg-type]
+        rpms_ros.load(**options)
 
 
-def test_what_is_what_is_guessed_and_told(tmp_path: Path) -> None:
+def test_what_is_what_is_guessed_and_told(tmp_path):
     session = rpms_ros.load(table(tmp_path))
     named = rpms_ros.load(table(tmp_path), columns=COLUMNS)
     assert session_hash(session.recording) == session_hash(named.recording)
     told = dict(session.imported)
     assert told['time'] == "'t' in s, for 1000 samples a second then (time_unit= decides)"
-    assert "pulses: 'gate'" in session.info()['imported']  # type: ignore[operator]
+    assert "pulses: 'gate'" in session.info()['imported']
     with pytest.raises(RpmsError, match='expected sign 1 or -1, got 0'):
         rpms_ros.load(table(tmp_path), columns=COLUMNS, sign=0)
 
 
-def test_what_cannot_be_guessed_names_the_keyword_and_the_guess(tmp_path: Path) -> None:
+def test_what_cannot_be_guessed_names_the_keyword_and_the_guess(tmp_path):
     path = tmp_path / 'trial.csv'
     path.write_text('t;a [N];b [N];gate\n' + '\n'.join(f'{k};1;2;{k % 9 == 5}' for k in range(40)))
     path.write_text(path.read_text().replace('True', '5').replace('False', '0'))
@@ -118,11 +118,9 @@ def test_what_cannot_be_guessed_names_the_keyword_and_the_guess(tmp_path: Path) 
         ({'intensity': 1.5}, 'intensity from 0 to 1'),
     ],
 )
-def test_a_wrong_option_of_a_file_is_named(
-    tmp_path: Path, change: dict[str, object], message: str
-) -> None:
+def test_a_wrong_option_of_a_file_is_named(tmp_path, change, message):
     with pytest.raises(RpmsError, match=message):
-        rpms_ros.load(table(tmp_path), **change)  # type: ignore[arg-type]
+        rpms_ros.load(table(tmp_path), **change)
 
 
 @pytest.mark.parametrize(
@@ -134,14 +132,12 @@ def test_a_wrong_option_of_a_file_is_named(
         (20.0, 30.0, r'expected force between 20.0 s and 30.0 s, got 14.999 s of it'),
     ],
 )
-def test_a_part_without_samples_is_refused(
-    simulated: Session, start: float, end: float, message: str
-) -> None:
+def test_a_part_without_samples_is_refused(simulated, start, end, message):
     with pytest.raises(RpmsError, match=message):
         simulated.between(start, end)
 
 
-def test_arrays_become_a_session(simulated: Session) -> None:
+def test_arrays_become_a_session(simulated):
     pulses, begin = simulated.pulses, simulated.force.stamp_ns[0]
     time = 1e-9 * (simulated.force.stamp_ns - begin)
     onset = 1e-9 * (pulses.onset_ns - begin)
@@ -165,7 +161,7 @@ def test_arrays_become_a_session(simulated: Session) -> None:
         ({'intensity': 80.0}, r'expected intensities from 0 to 1, got 80\.0'),
     ],
 )
-def test_arrays_that_do_not_fit_are_refused(change: dict[str, object], message: str) -> None:
+def test_arrays_that_do_not_fit_are_refused(change, message):
     given = {'time': [0.0, 1.0, 2.0], 'force': [0.0, 1.0, 2.0], 'pulse_times': [0.5, 1.0]}
     with pytest.raises(RpmsError, match=message):
-        rpms_ros.from_arrays(**{**given, **change})  # type: ignore[arg-type]
+        rpms_ros.from_arrays(**{**given, **change})

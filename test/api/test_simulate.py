@@ -1,22 +1,25 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Simulated sessions are those of the command, and reproducible."""
+"""Simulated sessions in Python, and the names that the package offers."""
 
-from pathlib import Path
+import inspect
+import re
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
 import rpms_ros
-from rpms_ros import RpmsError
+from rpms_ros import RpmsError, api
 from rpms_ros.cli import main
 from rpms_ros.muscle import Subject
 from rpms_ros.recording import session_hash
 from rpms_ros.stimulation import paper_sinusoid
 
 
-def test_it_is_the_session_of_the_command(tmp_path: Path) -> None:
+def test_it_is_the_session_of_the_command(tmp_path):
     path = tmp_path / 'session'
     options = ['--duration', '3', '--noise', '0.05', '--drift', '0.1', '--seed', '7', '--quiet']
     assert main(['simulate', '--out', str(path), '--subject', 'random', *options]) == 0
@@ -27,9 +30,7 @@ def test_it_is_the_session_of_the_command(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('scenario', ['', 'fatigue'])
-def test_a_recording_of_the_command_has_the_truth_of_the_session(
-    tmp_path: Path, scenario: str
-) -> None:
+def test_a_recording_of_the_command_has_the_truth_of_the_session(tmp_path, scenario):
     path = tmp_path / 'session'
     given = ['--scenario', scenario] if scenario else []
     assert main(['simulate', '--out', str(path), '--duration', '3', *given, '--quiet']) == 0
@@ -43,7 +44,7 @@ def test_a_recording_of_the_command_has_the_truth_of_the_session(
         np.testing.assert_allclose(written.truth.curve, session.truth.curve, rtol=1e-6)
 
 
-def test_a_muscle_and_a_schedule_of_ones_own() -> None:
+def test_a_muscle_and_a_schedule_of_ones_own():
     muscle = Subject(maximum_force=25.0)
     session = rpms_ros.simulate(paper_sinusoid(9.0), subject=muscle, force_rate_hz=500.0)
     assert session.subject is muscle
@@ -67,12 +68,12 @@ def test_a_muscle_and_a_schedule_of_ones_own() -> None:
         ({'schedule': 'sinusoid', 'seed': -1}, 'expected a seed, .*, got -1'),
     ],
 )
-def test_what_is_not_possible_is_refused(options: dict[str, object], message: str) -> None:
+def test_what_is_not_possible_is_refused(options, message):
     with pytest.raises(RpmsError, match=message):
-        rpms_ros.simulate(**options)  # type: ignore[arg-type]
+        rpms_ros.simulate(**options)
 
 
-def test_a_session_is_drawn_as_it_was_recorded() -> None:
+def test_a_session_is_drawn_as_it_was_recorded():
     session = rpms_ros.simulate(duration=3.0)
     figure = session.plot(Figure())
     above, below = figure.axes
@@ -80,4 +81,57 @@ def test_a_session_is_drawn_as_it_was_recorded() -> None:
     assert time[0] == 0.0
     np.testing.assert_array_equal(force, session.force.force)
     assert above.get_ylabel() == 'force [N]'
-    assert len(below.collections[0].get_segments()) == len(session.pulses) == 60  # type: ignore[attr-defined]
+    assert len(below.collections[0].get_segments()) == len(session.pulses) == 60
+
+
+FUNCTIONS = [
+    one for one in (getattr(api, name) for name in api.__all__) if inspect.isfunction(one)
+]
+METHODS = [
+    method
+    for one in (api.Session, api.Identification)
+    for name, method in inspect.getmembers(one, inspect.isfunction)
+    if not name.startswith('_')
+]
+
+
+def test_the_package_offers_what_the_module_offers():
+    assert sorted(rpms_ros.__all__) == sorted(api.__all__)
+    assert set(dir(rpms_ros)) == {*api.__all__, '__version__'}
+    for name in api.__all__:
+        assert getattr(rpms_ros, name) is getattr(api, name)
+
+
+def test_another_name_is_not_there():
+    with pytest.raises(AttributeError, match="'rpms_ros' has no attribute 'laod'"):
+        rpms_ros.laod  # type: ignore[attr-defined]  # noqa: B018
+
+
+def modules_after(code):
+    """Return what a fresh interpreter has loaded after some code."""
+    code += '\nimport sys; print(*sys.modules)'
+    done = subprocess.run(
+        [sys.executable, '-c', code], capture_output=True, text=True, check=True, timeout=250
+    )
+    return set(done.stdout.split())
+
+
+def test_importing_the_package_loads_next_to_nothing():
+    assert not {'numpy', 'scipy', 'numba', 'matplotlib'} & modules_after('import rpms_ros')
+
+
+def test_the_api_loads_neither_ros_nor_what_only_unix_has():
+    loaded = modules_after('import rpms_ros.api')
+    roots = {name.partition('.')[0] for name in loaded}
+    assert not {'rclpy', 'rpms_msgs', 'pandas', 'pyarrow', 'serial'} & roots
+    assert not {'rpms_ros.nodes', 'rpms_ros.cli'} & loaded
+
+
+@pytest.mark.parametrize('one', [*FUNCTIONS, *METHODS], ids=lambda one: one.__qualname__)
+def test_every_parameter_is_described(one):
+    names = [name for name in inspect.signature(one).parameters if name != 'self']
+    text = inspect.getdoc(one) or ''
+    described = set(re.findall(r'^([\w, ]+) : ', text, re.MULTILINE))
+    listed = {name for line in described for name in line.split(', ')}
+    # a method of two plain numbers may say in its sentence what they are
+    assert all(name in listed or f'`{name}`' in text for name in names), (names, listed)

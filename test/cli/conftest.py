@@ -3,22 +3,17 @@
 """Sessions for the tests of the commands."""
 
 import json
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import pytest
 
 from rpms_ros.cli import main
 
-Rpms = Callable[..., tuple[int, str, str]]
-
 
 @pytest.fixture
-def rpms(capsys: pytest.CaptureFixture[str]) -> Rpms:
+def rpms(capsys):
     """Run a command in this process; return its exit code, stdout and stderr."""
 
-    def run(*arguments: object) -> tuple[int, str, str]:
+    def run(*arguments):
         code = main([str(argument) for argument in arguments])
         return (code, *capsys.readouterr())
 
@@ -26,7 +21,7 @@ def rpms(capsys: pytest.CaptureFixture[str]) -> Rpms:
 
 
 @pytest.fixture(scope='session')
-def short_session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def short_session(tmp_path_factory):
     """Ten seconds of the paper's simulated identification."""
     path = tmp_path_factory.mktemp('sessions') / 'short'
     assert main(['simulate', '--out', str(path), '--duration', '10', '--quiet']) == 0
@@ -34,10 +29,10 @@ def short_session(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def as_json(rpms: Rpms) -> Callable[..., dict[str, Any]]:
+def as_json(rpms):
     """Run a command that prints one JSON object; return it."""
 
-    def run(*arguments: object) -> dict[str, Any]:
+    def run(*arguments):
         _, out, _ = rpms(*arguments)
         document = json.loads(out)
         assert isinstance(document, dict)

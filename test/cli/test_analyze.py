@@ -5,7 +5,6 @@
 import json
 import os
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -17,10 +16,9 @@ from rpms_ros.recording import read_recording, write_recording
 
 FOLDER = Path(os.environ.get('RPMS_RECORDINGS', Path(__file__).parents[2] / '../shared/data'))
 TRIAL = FOLDER / 'rat_gastrocnemius' / 'GMe1_ISOM01_OR.csv'
-Rpms = Callable[..., tuple[int, str, str]]
 
 
-def simulate(folder: Path, subject: str, seed: int) -> Path:
+def simulate(folder, subject, seed):
     """Return a recording of the protocol of twitches."""
     schedule, path = folder / 'twitches.yaml', folder / f'{subject}-{seed}'
     assert main(['protocol', 'twitches', '--out', str(schedule)]) == 0
@@ -31,16 +29,16 @@ def simulate(folder: Path, subject: str, seed: int) -> Path:
 
 
 @pytest.fixture(scope='module')
-def magnetic(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def magnetic(tmp_path_factory):
     return simulate(tmp_path_factory.mktemp('magnetic'), 'rpms', 1)
 
 
 @pytest.fixture(scope='module')
-def electrical(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def electrical(tmp_path_factory):
     return simulate(tmp_path_factory.mktemp('electrical'), 'fes', 1)
 
 
-def test_json_is_one_object_and_nothing_else(rpms: Rpms, magnetic: Path) -> None:
+def test_json_is_one_object_and_nothing_else(rpms, magnetic):
     code, out, _ = rpms('analyze', magnetic, '--json')
     assert code == 0
     assert out.count('\n') == 1
@@ -52,8 +50,8 @@ def test_json_is_one_object_and_nothing_else(rpms: Rpms, magnetic: Path) -> None
 
 
 def test_several_recordings_follow_one_another_and_their_remarks_are_collapsed(
-    rpms: Rpms, magnetic: Path, electrical: Path
-) -> None:
+    rpms, magnetic, electrical
+):
     code, out, err = rpms('analyze', magnetic, electrical)
     assert code == 0
     magnetic_text, electrical_text = out.split('\n\n')
@@ -65,14 +63,12 @@ def test_several_recordings_follow_one_another_and_their_remarks_are_collapsed(
     assert 'rpms: rpms-1, fes-1: there is no steady force' in err
 
 
-def test_several_recordings_get_a_folder_each(
-    rpms: Rpms, magnetic: Path, electrical: Path, tmp_path: Path
-) -> None:
+def test_several_recordings_get_a_folder_each(rpms, magnetic, electrical, tmp_path):
     assert rpms('analyze', magnetic, electrical, '--out', tmp_path)[0] == 0
     assert sorted(path.name for path in tmp_path.iterdir()) == ['1-rpms-1', '2-fes-1']
 
 
-def test_parts_of_a_session_are_analysed_as_one(rpms: Rpms, magnetic: Path) -> None:
+def test_parts_of_a_session_are_analysed_as_one(rpms, magnetic):
     code, out, _ = rpms('analyze', '--together', magnetic, magnetic, '--json')
     assert code == 0
     document = json.loads(out)
@@ -81,15 +77,13 @@ def test_parts_of_a_session_are_analysed_as_one(rpms: Rpms, magnetic: Path) -> N
     assert not any('sample rate' in line for line in document['findings'])
 
 
-def test_intensities_that_mean_nothing_are_not_used(rpms: Rpms, magnetic: Path) -> None:
+def test_intensities_that_mean_nothing_are_not_used(rpms, magnetic):
     _, out, err = rpms('analyze', '--unknown-intensity', magnetic, '--json')
     assert json.loads(out)['twitches']['latency']['rows'][0]['intensity'] is None
     assert 'the intensity of 60 of 60 pulses is not recorded' in err
 
 
-def test_a_recording_that_tells_nothing_is_told_apart(
-    rpms: Rpms, magnetic: Path, tmp_path: Path
-) -> None:
+def test_a_recording_that_tells_nothing_is_told_apart(rpms, magnetic, tmp_path):
     recording = read_recording(magnetic)
     random = np.random.default_rng(0).uniform(0.0, 1.0, 100)
     modulated = PulseTrain.regular(random, 20.0, int(recording.forces.stamp_ns[2000]))
@@ -101,7 +95,7 @@ def test_a_recording_that_tells_nothing_is_told_apart(
 
 
 @pytest.mark.skipif(not TRIAL.exists(), reason='no recordings (set RPMS_RECORDINGS)')
-def test_identify_and_analyze_state_the_same_of_a_trial(rpms: Rpms) -> None:
+def test_identify_and_analyze_state_the_same_of_a_trial(rpms):
     one = json.loads(rpms('identify', TRIAL, '--force', 'fGM [N]', '--json')[1])['dynamics']
     other = json.loads(rpms('analyze', TRIAL, '--force', 'fGM [N]', '--json')[1])['dynamics']
     assert one == other

@@ -1,12 +1,12 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The command line itself: help, version, what may have been meant, messages that stay short."""
+"""The command line itself: help, what may have been meant; a process of its own."""
 
+import json
 import os
 import re
 import subprocess
 import sys
-from collections.abc import Callable
 
 import pytest
 
@@ -17,7 +17,7 @@ from rpms_ros.report.text import noted, with_interval
 NAMES = list(COMMANDS)
 
 
-def exits(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
+def exits(capsys, *arguments):
     """Run what argparse ends by itself; return exit code, stdout and stderr."""
     with pytest.raises(SystemExit, match=r'\d') as ended:
         main(arguments)
@@ -34,7 +34,7 @@ def exits(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str
         ('rpms nothing', []),
     ],
 )
-def test_a_shell_completes_commands_options_and_choices(typed: str, offered: list[str]) -> None:
+def test_a_shell_completes_commands_options_and_choices(typed, offered):
     environment = {
         **os.environ,
         '_ARGCOMPLETE': '1',
@@ -53,12 +53,12 @@ def test_a_shell_completes_commands_options_and_choices(typed: str, offered: lis
     assert answer.stdout.splitlines() == offered
 
 
-def test_help_is_a_command_too(capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_is_a_command_too(capsys):
     assert exits(capsys, 'help') == exits(capsys, '--help')
     assert exits(capsys, 'help', 'identify') == exits(capsys, 'identify', '--help')
 
 
-def test_help_begins_with_what_works_without_ros(capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_begins_with_what_works_without_ros(capsys):
     _, out, _ = exits(capsys, '--help')
     listed = out.partition('COMMAND\n')[2].partition('options:')[0]
     blocks = re.split(r'^ {4}(?=\w)', listed, flags=re.MULTILINE)[1:]
@@ -72,9 +72,7 @@ def test_help_begins_with_what_works_without_ros(capsys: pytest.CaptureFixture[s
 
 
 @pytest.mark.parametrize('name', NAMES)
-def test_no_help_shows_an_escaped_per_cent_sign_or_a_default_of_nothing(
-    name: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_no_help_shows_an_escaped_per_cent_sign_or_a_default_of_nothing(name, capsys):
     code, out, _ = exits(capsys, name, '--help')
     assert code == 0
     assert '%%' not in out
@@ -92,9 +90,7 @@ def test_no_help_shows_an_escaped_per_cent_sign_or_a_default_of_nothing(
         (['demo', '--preset', 'table_5'], 'paper_table_5'),
     ],
 )
-def test_a_slip_of_the_keyboard_is_answered_with_what_was_meant(
-    arguments: list[str], meant: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_slip_of_the_keyboard_is_answered_with_what_was_meant(arguments, meant, capsys):
     code, _, err = exits(capsys, *arguments)
     assert code == 2
     assert f'; did you mean {meant}? (rpms' in err
@@ -112,8 +108,8 @@ def test_a_slip_of_the_keyboard_is_answered_with_what_was_meant(
     ],
 )
 def test_a_star_that_stands_for_many_recordings_is_not_answered_with_their_names(
-    command: str, more: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+    command, more, capsys
+):
     code, _, err = exits(capsys, command, 'a', 'b', 'c')
     assert code == 2
     assert err == (
@@ -131,21 +127,17 @@ def test_a_star_that_stands_for_many_recordings_is_not_answered_with_their_names
         ((3.14159, None, None), '3.142 N'),
     ],
 )
-def test_a_number_has_the_decimals_of_its_interval(
-    numbers: tuple[float | None, ...], text: str
-) -> None:
+def test_a_number_has_the_decimals_of_its_interval(numbers, text):
     found = dict(zip(('value', 'lower', 'upper'), numbers, strict=True))
     assert with_interval(found, unit=' N') == text
 
 
-def test_a_text_cannot_command_the_terminal() -> None:
+def test_a_text_cannot_command_the_terminal():
     assert noted([('note', 'red \x1b[31m and \x07')]) == '  note: red ?[31m and ?'
 
 
-def test_that_it_compiles_is_said_on_stderr_terminal_or_not(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def warm_up(_: object, tell: Callable[[], None], load: bool = True) -> None:
+def test_that_it_compiles_is_said_on_stderr_terminal_or_not(capsys, monkeypatch):
+    def warm_up(_, tell, load=True):
         tell()
         assert not load
 
@@ -153,3 +145,85 @@ def test_that_it_compiles_is_said_on_stderr_terminal_or_not(
     for quiet, told in ((False, 1), (True, 0)):
         options.compile_estimator(lambda: estimator_by_name('batch'), quiet)
         assert capsys.readouterr().err.count('rpms: compiling for this machine, once') == told
+
+
+def run(*arguments, **options):
+    return subprocess.run(
+        [sys.executable, '-m', 'rpms_ros.cli', *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=250,
+        check=False,
+        env={**os.environ, **options},
+    )
+
+
+@pytest.mark.long
+def test_works_where_there_is_no_ros(short_session):
+    code = (
+        'import sys\n'
+        'for name in ("rclpy", "rpms_msgs", "std_msgs"): sys.modules[name] = None\n'
+        'from rpms_ros.cli import main\n'
+        f'sys.exit(main(["identify", {str(short_session)!r}, "--json"]))\n'
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', code], capture_output=True, text=True, timeout=250, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, '')
+    assert json.loads(done.stdout)['pulses'] == 200
+
+
+@pytest.mark.parametrize(
+    ('command', 'missing'),
+    [('demo', 'rcl_interfaces'), ('live', 'rclpy')],
+)
+def test_a_command_that_needs_ros_says_so_in_a_line(command, missing):
+    code = (
+        f'import sys\nsys.modules[{missing!r}] = None\nfrom rpms_ros.cli import main\n'
+        f'sys.exit(main([{command!r}]))\n'
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', code], capture_output=True, text=True, timeout=250, check=False
+    )
+    assert (done.returncode, done.stdout) == (2, '')
+    assert done.stderr == (
+        f'rpms: error: rpms {command} finds no {missing}; it needs ROS 2 Jazzy and rpms_msgs: '
+        'run make build, or source a workspace\n'
+    )
+
+
+def test_a_reader_that_leaves_early_is_no_error(short_session):
+    read_end, write_end = os.pipe()
+    os.close(read_end)
+    with os.fdopen(write_end, 'w') as pipe:
+        done = subprocess.run(
+            [sys.executable, '-m', 'rpms_ros.cli', 'info', str(short_session)],
+            stdout=pipe,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=250,
+            check=False,
+        )
+    assert (done.returncode, done.stderr) == (0, '')
+
+
+@pytest.mark.parametrize(
+    'started',
+    [
+        'import rpms_ros.cli as one\nwith suppress(SystemExit): one.main(["--help"])',
+        # up to the import of the node
+        'import rpms_ros.nodes.executables as one\nwith suppress(ImportError): one._run("x.y")',
+    ],
+    ids=['rpms', 'node'],
+)
+def test_linear_algebra_has_one_thread(started):
+    code = (
+        f'import os, sys\nfrom contextlib import suppress\n{started}\nimport numpy\n'
+        'numpy.ones((900, 900)) @ numpy.ones((900, 900))\n'
+        'print(len(os.listdir("/proc/self/task")))'
+    )
+    environment = {k: v for k, v in os.environ.items() if not k.endswith('_NUM_THREADS')}
+    done = subprocess.run(
+        [sys.executable, '-c', code], env=environment, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.split()[-1] == '1', done.stderr

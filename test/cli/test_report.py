@@ -3,9 +3,6 @@
 """`rpms report`: what it writes and prints, what it refuses."""
 
 import json
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -13,14 +10,9 @@ from rpms_ros.recording import read_recording, write_recording
 from rpms_ros.report.figures import FIGURES
 from rpms_ros.report.page import embedded
 
-Rpms = Callable[..., tuple[int, str, str]]
-AsJson = Callable[..., dict[str, Any]]
-
 
 @pytest.mark.long
-def test_page_json_and_files_say_the_same_as_identify(
-    as_json: AsJson, short_session: Path, tmp_path: Path
-) -> None:
+def test_page_json_and_files_say_the_same_as_identify(as_json, short_session, tmp_path):
     page, files = tmp_path / 'new' / 'report.html', tmp_path / 'files'
     printed = as_json('report', short_session, '--out', page, '--files', files, '--json')
     assert embedded(page.read_text(), 'report') == printed
@@ -36,17 +28,13 @@ def test_page_json_and_files_say_the_same_as_identify(
     assert printed['schedule']['full_intensity_pulses'] > 0
 
 
-def test_the_title_is_the_muscle_that_the_notes_name(
-    as_json: AsJson, short_session: Path, tmp_path: Path
-) -> None:
+def test_the_title_is_the_muscle_that_the_notes_name(as_json, short_session, tmp_path):
     recording, named = read_recording(short_session), tmp_path / 'visit_7'
     write_recording(named, recording.pulses, recording.forces, custom={'muscle': 'soleus'})
     assert as_json('report', named, '--out', tmp_path / 'page', '--json')['title'] == 'soleus'
 
 
-def test_what_is_stated_goes_into_the_page(
-    rpms: Rpms, short_session: Path, tmp_path: Path
-) -> None:
+def test_what_is_stated_goes_into_the_page(rpms, short_session, tmp_path):
     page = tmp_path / 'report.html'
     code, out, err = rpms(
         'report', short_session, '--out', page, '--title', 'Leg 7', '--held-out', '0.5'
@@ -66,9 +54,7 @@ def test_what_is_stated_goes_into_the_page(
         (['--estimator', 'oracle'], 'expected an estimator of'),
     ],
 )
-def test_what_cannot_be_is_refused_in_one_line(
-    rpms: Rpms, short_session: Path, tmp_path: Path, arguments: list[str], expected: str
-) -> None:
+def test_what_cannot_be_is_refused_in_one_line(rpms, short_session, tmp_path, arguments, expected):
     page = tmp_path / 'report.html'
     code, out, err = rpms('report', short_session, '--out', page, *arguments)
     assert (code, out) == (2, '')

@@ -8,10 +8,7 @@ Besides, what hostile messages of nodes do to a report, and that reading stays w
 import hashlib
 import json
 import math
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -22,28 +19,27 @@ from rpms_ros.recording.rosbag.reading import ACCEPTED_SCHEDULE
 from rpms_ros.recording.rosbag.writing import FurtherTopic
 from rpms_ros.report.page import embedded
 
-Rpms = Callable[..., tuple[int, str, str]]
 TEXT = 'name: warm-up\nsegments: [{kind: single}]\n'
 HASH = hashlib.sha256(TEXT.encode()).hexdigest()
 
 
-def serialised(kind: str, *fields: Any) -> bytes:
+def serialised(kind, *fields):
     store = known_types()
     return bytes(store.serialize_cdr(store.types[kind](*fields), kind))
 
 
-def header(stamp_ns: int) -> Any:
+def header(stamp_ns):
     types = known_types().types
     time = types['builtin_interfaces/msg/Time'](*divmod(stamp_ns, 10**9))
     return types['std_msgs/msg/Header'](time, 'coil')
 
 
-def accepted(name: str = 'warm-up', digest: str = HASH, duration: float = 10.0) -> bytes:
+def accepted(name='warm-up', digest=HASH, duration=10.0):
     fields = (header(10**18), name, TEXT, digest, 'ada', 200, duration)
     return serialised(ACCEPTED_SCHEDULE, *fields)
 
 
-def with_messages(source: Path, path: Path, kind: str, *messages: bytes, **options: Any) -> Path:
+def with_messages(source, path, kind, *messages, **options):
     """Return a copy of a recording with messages of one more topic, received before the rest."""
     recording = read_recording(source)
     name = '/accepted_schedule' if kind == ACCEPTED_SCHEDULE else '/more'
@@ -55,11 +51,11 @@ def with_messages(source: Path, path: Path, kind: str, *messages: bytes, **optio
 
 
 @pytest.fixture
-def announced(short_session: Path, tmp_path: Path) -> Path:
+def announced(short_session, tmp_path):
     return with_messages(short_session, tmp_path / 'announced', ACCEPTED_SCHEDULE, accepted())
 
 
-def test_info_and_verify_show_name_and_hash(rpms: Rpms, announced: Path) -> None:
+def test_info_and_verify_show_name_and_hash(rpms, announced):
     code, out, err = rpms('info', announced)
     assert (code, err) == (0, '')
     line = f'warm-up, 200 pulses, 10 s, started by ada, sha256 {HASH}'
@@ -72,7 +68,7 @@ def test_info_and_verify_show_name_and_hash(rpms: Rpms, announced: Path) -> None
     assert (schedule['pulses'], schedule['accepted_ns']) == (200, 10**18)
 
 
-def test_identify_shows_schedule_and_session(rpms: Rpms, announced: Path) -> None:
+def test_identify_shows_schedule_and_session(rpms, announced):
     code, out, _ = rpms('identify', announced)
     assert code == 0
     assert f'warm-up, sha256 {HASH}' in ' '.join(out.split())
@@ -81,9 +77,7 @@ def test_identify_shows_schedule_and_session(rpms: Rpms, announced: Path) -> Non
     assert [one['sha256'] for one in document['schedules']] == [HASH]
 
 
-def test_a_text_that_does_not_fit_its_hash_is_named(
-    rpms: Rpms, short_session: Path, tmp_path: Path
-) -> None:
+def test_a_text_that_does_not_fit_its_hash_is_named(rpms, short_session, tmp_path):
     changed = accepted(digest='0' * 64)
     path = with_messages(short_session, tmp_path / 'bag', ACCEPTED_SCHEDULE, changed)
     code, out, _ = rpms('verify', path)
@@ -92,9 +86,7 @@ def test_a_text_that_does_not_fit_its_hash_is_named(
     assert json.loads(rpms('info', path, '--json')[1])['faults'] == {'altered_schedule': 1}
 
 
-def test_hostile_schedules_are_left_out_or_made_harmless(
-    rpms: Rpms, short_session: Path, tmp_path: Path
-) -> None:
+def test_hostile_schedules_are_left_out_or_made_harmless(rpms, short_session, tmp_path):
     moving = accepted('\x1b[2J\n' + 'x' * 5000, duration=math.nan)
     path = with_messages(
         short_session, tmp_path / 'bag', ACCEPTED_SCHEDULE, moving, accepted()[:30], b'\0\1'
@@ -110,8 +102,8 @@ def test_hostile_schedules_are_left_out_or_made_harmless(
 
 
 def test_a_report_holds_hash_and_schedule_and_takes_widths_that_are_no_number(
-    rpms: Rpms, short_session: Path, tmp_path: Path
-) -> None:
+    rpms, short_session, tmp_path
+):
     pulses = read_recording(short_session).pulses
     without = replace(pulses, width=np.full(len(pulses), math.nan))
     path = with_messages(
@@ -128,9 +120,7 @@ def test_a_report_holds_hash_and_schedule_and_takes_widths_that_are_no_number(
     assert report['schedule']['pulse_width_s'] == []
 
 
-def test_every_command_that_reads_keeps_to_its_memory(
-    rpms: Rpms, short_session: Path, tmp_path: Path
-) -> None:
+def test_every_command_that_reads_keeps_to_its_memory(rpms, short_session, tmp_path):
     bound = ['--max-memory', '0.0001']
     refused = 'expected a recording that can be read within 0.0001 GB (--max-memory allows more)'
     commands = [

@@ -2,9 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """rpms simulate: what it writes is what was asked for."""
 
-from collections.abc import Callable
-from pathlib import Path
-
 import numpy as np
 import pytest
 from rosbags.rosbag2 import Reader
@@ -15,10 +12,8 @@ from rpms_ros.recording import read_recording
 from rpms_ros.recording.rosbag.definitions import known_types
 from rpms_ros.stimulation import paper_random
 
-Rpms = Callable[..., tuple[int, str, str]]
 
-
-def test_session_of_the_paper(rpms: Rpms, tmp_path: Path) -> None:
+def test_session_of_the_paper(rpms, tmp_path):
     path = tmp_path / 'session'
     code, out, err = rpms('simulate', '--out', path, '--duration', 5)
     assert (code, err) == (0, '')
@@ -36,7 +31,7 @@ def test_session_of_the_paper(rpms: Rpms, tmp_path: Path) -> None:
     np.testing.assert_allclose(recording.forces.force, force, rtol=1e-12, atol=1e-12)
 
 
-def test_the_same_options_make_the_same_recording(rpms: Rpms, tmp_path: Path) -> None:
+def test_the_same_options_make_the_same_recording(rpms, tmp_path):
     contents = []
     for folder in ('first', 'second'):
         path = tmp_path / folder / 'session'
@@ -45,7 +40,7 @@ def test_the_same_options_make_the_same_recording(rpms: Rpms, tmp_path: Path) ->
     assert contents[0] == contents[1]
 
 
-def test_a_file_says_itself_how_long_and_how_fast(rpms: Rpms, tmp_path: Path) -> None:
+def test_a_file_says_itself_how_long_and_how_fast(rpms, tmp_path):
     path = tmp_path / 'schedule.yaml'
     assert rpms('protocol', 'sinusoid', '--duration', 1, '--out', path)[0] == 0
     for option in ('--duration', '--pulse-rate', '--intensity'):
@@ -70,7 +65,7 @@ def test_a_file_says_itself_how_long_and_how_fast(rpms: Rpms, tmp_path: Path) ->
         (['--intensity', '0.5'], 'expected --schedule constant with --intensity, got --sch'),
     ],
 )
-def test_bad_options(rpms: Rpms, tmp_path: Path, options: list[str], message: str) -> None:
+def test_bad_options(rpms, tmp_path, options, message):
     import re
 
     code, out, err = rpms('simulate', '--out', tmp_path / 'session', '--duration', 1, *options)
@@ -79,14 +74,14 @@ def test_bad_options(rpms: Rpms, tmp_path: Path, options: list[str], message: st
     assert err.count('\n') == 1
 
 
-def test_existing_folder_is_not_touched(rpms: Rpms, tmp_path: Path) -> None:
+def test_existing_folder_is_not_touched(rpms, tmp_path):
     code, _, err = rpms('simulate', '--out', tmp_path)
     assert code == 2
     assert err == f'rpms: error: expected a new folder for the recording, got {tmp_path}\n'
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_scenario_is_recorded_with_its_truth(rpms: Rpms, tmp_path: Path) -> None:
+def test_a_scenario_is_recorded_with_its_truth(rpms, tmp_path):
     path = tmp_path / 'session'
     scenario = tmp_path / 'moved.yaml'
     scenario.write_text(

@@ -5,21 +5,18 @@
 import csv
 import json
 import shutil
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from rpms_ros.cli import main
 from rpms_ros.report.study import StudyOptions, StudyTable, columns, found_recordings
 
-Rpms = Callable[..., tuple[int, str, str]]
 COUNT = 4
 
 
 @pytest.fixture(scope='module')
-def sessions(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def sessions(tmp_path_factory):
     """Four recordings of two seconds, one of them without a force, in a folder."""
     folder = tmp_path_factory.mktemp('study') / 'sessions'
     for number in range(COUNT):
@@ -30,19 +27,19 @@ def sessions(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope='module')
-def expected(sessions: Path, tmp_path_factory: pytest.TempPathFactory) -> bytes:
+def expected(sessions, tmp_path_factory):
     """The table of one process."""
     folder = tmp_path_factory.mktemp('study') / 'one'
     assert main(['study', str(sessions), '--out', str(folder), '--jobs', '1', '--quiet']) == 0
     return (folder / 'results.csv').read_bytes()
 
 
-def table_of(folder: Path) -> list[dict[str, Any]]:
+def table_of(folder):
     with (folder / 'results.csv').open(newline='') as file:
         return list(csv.DictReader(file))
 
 
-def test_one_row_a_recording(sessions: Path, expected: bytes) -> None:
+def test_one_row_a_recording(sessions, expected):
     rows = list(csv.DictReader(expected.decode().splitlines()))
     assert [row['recording'] for row in rows] == [
         str(sessions / f'session_{number}') for number in range(COUNT)
@@ -55,18 +52,14 @@ def test_one_row_a_recording(sessions: Path, expected: bytes) -> None:
 
 
 @pytest.mark.long
-def test_table_does_not_depend_on_the_number_of_processes(
-    rpms: Rpms, sessions: Path, expected: bytes, tmp_path: Path
-) -> None:
+def test_table_does_not_depend_on_the_number_of_processes(rpms, sessions, expected, tmp_path):
     code, out, err = rpms('study', sessions, '--out', tmp_path / 'two', '--jobs', 2)
     assert (code, err) == (0, '')
     assert out == f'{tmp_path / "two"}: 4 recordings, 0 failed, 0 done before; verdicts: 4 good\n'
     assert (tmp_path / 'two' / 'results.csv').read_bytes() == expected
 
 
-def test_failures_are_rows_with_their_reason_and_tried_again(
-    rpms: Rpms, sessions: Path, tmp_path: Path
-) -> None:
+def test_failures_are_rows_with_their_reason_and_tried_again(rpms, sessions, tmp_path):
     folder = tmp_path / 'sessions'
     shutil.copytree(sessions / 'session_0', folder / 'good')
     shutil.copytree(sessions / 'session_1', folder / 'bad')
@@ -87,9 +80,7 @@ def test_failures_are_rows_with_their_reason_and_tried_again(
     assert (code, text) == (0, f'{out}: 2 recordings, 0 failed, 1 done before; verdicts: 2 good\n')
 
 
-def test_goes_on_where_it_stopped(
-    rpms: Rpms, sessions: Path, expected: bytes, tmp_path: Path
-) -> None:
+def test_goes_on_where_it_stopped(rpms, sessions, expected, tmp_path):
     rpms('study', sessions / 'session_2', '--out', tmp_path, '--jobs', 1)
     _, text, _ = rpms('study', sessions, '--out', tmp_path, '--jobs', 1)
     assert text == f'{tmp_path}: 4 recordings, 0 failed, 1 done before; verdicts: 4 good\n'
@@ -100,12 +91,10 @@ def test_goes_on_where_it_stopped(
     assert text == f'{tmp_path}: 1 recording, 0 failed, 0 done before; verdicts: 1 good\n'
 
 
-def test_interrupted_study_keeps_what_is_done(
-    sessions: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_interrupted_study_keeps_what_is_done(sessions, tmp_path, monkeypatch):
     from rpms_ros.report import study
 
-    def interrupted(paths: Any, options: Any, *_: object) -> Any:
+    def interrupted(paths, options, *_):
         yield paths[0], study.work(str(paths[0]), options)
         raise KeyboardInterrupt
 
@@ -116,7 +105,7 @@ def test_interrupted_study_keeps_what_is_done(
     assert [row['status'] for row in json.loads((tmp_path / 'results.json').read_text())] == ['ok']
 
 
-def test_a_name_is_no_formula(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_name_is_no_formula(tmp_path, monkeypatch):
     name = '=HYPERLINK("http:evil","click")'
     monkeypatch.chdir(tmp_path)
     Path(name).mkdir()
@@ -128,7 +117,7 @@ def test_a_name_is_no_formula(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 
 
 @pytest.mark.long
-def test_earlier_results_are_no_recordings(rpms: Rpms, sessions: Path, tmp_path: Path) -> None:
+def test_earlier_results_are_no_recordings(rpms, sessions, tmp_path):
     """What the README says, `rpms study out/* --out out/study`, twice."""
     out = tmp_path / 'out'
     shutil.copytree(sessions / 'session_0', out / 'session')
@@ -148,7 +137,7 @@ def test_earlier_results_are_no_recordings(rpms: Rpms, sessions: Path, tmp_path:
     assert found_recordings([out / 'empty'], out / 'study') == [out / 'empty']
 
 
-def test_a_verdict_that_is_not_good_is_told(rpms: Rpms, sessions: Path, tmp_path: Path) -> None:
+def test_a_verdict_that_is_not_good_is_told(rpms, sessions, tmp_path):
     options = ['--out', tmp_path, '--jobs', 1, '--sign', -1]
     code, text, err = rpms('study', sessions / 'session_0', *options)
     assert code == 1
@@ -158,7 +147,7 @@ def test_a_verdict_that_is_not_good_is_told(rpms: Rpms, sessions: Path, tmp_path
     assert (row['status'], row['verdict']) == ('ok', 'no')
 
 
-def test_nothing_to_study_is_an_error(rpms: Rpms, tmp_path: Path) -> None:
+def test_nothing_to_study_is_an_error(rpms, tmp_path):
     table = tmp_path / 'trial.csv'
     table.write_text('time,force\n')
     code, out, err = rpms('study', table, '--out', tmp_path / 'study')
@@ -167,7 +156,7 @@ def test_nothing_to_study_is_an_error(rpms: Rpms, tmp_path: Path) -> None:
     assert not (tmp_path / 'study').exists()
 
 
-def test_what_counts_twice_and_what_is_not_comparable_is_told(tmp_path: Path) -> None:
+def test_what_counts_twice_and_what_is_not_comparable_is_told(tmp_path):
     same, models = {'session_hash': '0a'}, ('history law', None)
     paths = [Path('a'), Path('b')]
     table = StudyTable(tmp_path, paths, StudyOptions())
@@ -180,7 +169,7 @@ def test_what_counts_twice_and_what_is_not_comparable_is_told(tmp_path: Path) ->
     assert 'different models (history law, response to one pulse)' in different
 
 
-def test_intervals_are_in_the_table(rpms: Rpms, sessions: Path, tmp_path: Path) -> None:
+def test_intervals_are_in_the_table(rpms, sessions, tmp_path):
     rpms(
         'study', sessions / 'session_0', '--out', tmp_path, '--jobs', 1, '--estimator', 'batch'
     )  # fmt: skip

@@ -4,7 +4,6 @@
 
 import json
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,7 +22,7 @@ ARM = 0.25
 
 
 @pytest.fixture(scope='module')
-def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recording(tmp_path_factory):
     """Ten seconds: the force on ``/force``, and its torque about z on ``/dynamometer``."""
     generator = np.random.default_rng(1)
     pulses = PulseTrain.regular(generator.uniform(0.0, 1.0, 200), 20.0)
@@ -52,7 +51,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 OPTIONS = ['--force-topic', 'dynamometer', '--quantity', 'torque']
 
 
-def test_a_torque_is_read_where_one_is_asked_for(recording: Path) -> None:
+def test_a_torque_is_read_where_one_is_asked_for(recording):
     force = read_recording(recording)
     torque = load(recording, force_topic='dynamometer', quantity='torque').recording
     np.testing.assert_array_equal(torque.forces.force, ARM * force.forces.force)
@@ -63,9 +62,7 @@ def test_a_torque_is_read_where_one_is_asked_for(recording: Path) -> None:
         read_recording(recording, quantity='power')
 
 
-def test_identify_states_newton_metres(
-    recording: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_identify_states_newton_metres(recording, capsys):
     documents = []
     for options in ([], OPTIONS):
         main(['identify', '--quiet', '--json', str(recording), *options])
@@ -84,9 +81,7 @@ def test_identify_states_newton_metres(
     assert 'force' not in said
 
 
-def test_a_torque_is_imported_and_saved_as_one(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_torque_is_imported_and_saved_as_one(tmp_path, capsys):
     table, again = tmp_path / 'leg.csv', tmp_path / 'again'
     table.write_text('time [s],torque [Nm],trigger [V]\n0,0.5,0\n0.1,1.5,5\n0.2,2.5,0\n')
     assert main(['import', str(table), '--out', str(again)]) == 0
@@ -101,7 +96,7 @@ def test_a_torque_is_imported_and_saved_as_one(
 
 
 @pytest.mark.parametrize('unit', ['N m', 'N·m', 'mNm', 'ft-lbs'])
-def test_a_table_of_a_dynamometer_is_a_torque(tmp_path: Path, unit: str) -> None:
+def test_a_table_of_a_dynamometer_is_a_torque(tmp_path, unit):
     rows = [f'{0.002 * k:.3f},{k % 7},{5 * (k % 50 == 10)}' for k in range(500)]
     table = tmp_path / 'leg.csv'
     table.write_text('\n'.join([f'time [s],torque [{unit}],trigger [V]', *rows]))

@@ -24,7 +24,6 @@ import subprocess
 import sys
 import sysconfig
 import time
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -74,23 +73,23 @@ class Fence:
     comment: str
 
     @property
-    def run(self) -> bool:
+    def run(self):
         return self.kind in ('bash', 'console', 'python') and not self.comment.startswith(
             'not run'
         )
 
     @property
-    def file(self) -> str | None:
+    def file(self):
         found = MARK.fullmatch(self.comment)
         return found['file'] if found else None
 
     @property
-    def seconds(self) -> int:
+    def seconds(self):
         """After how long it is interrupted; 0 if it ends by itself."""
         found = MARK.fullmatch(self.comment)
         return int(found['seconds'] or 0) if found else 0
 
-    def commands(self) -> list[tuple[str, tuple[int, ...]]]:
+    def commands(self):
         """Return each command with the exit statuses that it may have."""
         lines = self.body.splitlines()
         if self.kind == 'console':
@@ -105,18 +104,18 @@ class Fence:
         return commands
 
 
-def fences(path) -> Iterator[Fence]:
+def fences(path):
     for found in FENCE.finditer(path.read_text(encoding='utf-8')):
         body = re.sub(f'^{found["indent"]}', '', found['body'], flags=re.MULTILINE)
         yield Fence(found['kind'].strip(), body, found['comment'] or '')
 
 
-def name_of(path) -> str:
+def name_of(path):
     return str(path.relative_to(ROOT))
 
 
 @pytest.fixture(scope='module')
-def examples(tmp_path_factory) -> Path:
+def examples(tmp_path_factory):
     """What the pages call by a name of the reader: a session and a table."""
     folder = tmp_path_factory.mktemp('examples')
     session = rpms_ros.simulate(duration=8.0, noise=0.02)
@@ -133,7 +132,7 @@ def examples(tmp_path_factory) -> Path:
 
 
 @pytest.fixture
-def scratch(tmp_path, examples) -> Path:
+def scratch(tmp_path, examples):
     """A folder like that of the repository, in which a reader may write."""
     for name in SHARED:
         (tmp_path / name).symlink_to(ROOT / name)
@@ -145,7 +144,7 @@ def scratch(tmp_path, examples) -> Path:
 
 
 @pytest.fixture
-def on_the_graph(context) -> Iterator[Callable[[str], bool]]:
+def on_the_graph(context):
     """Tell whether a node of a name is on the graph of the test's domain."""
     from rclpy.node import Node
 
@@ -154,7 +153,7 @@ def on_the_graph(context) -> Iterator[Callable[[str], bool]]:
     looker.destroy_node()
 
 
-def environment(folder, domain) -> dict[str, str]:
+def environment(folder, domain):
     return {
         **os.environ,
         'PATH': f'{sysconfig.get_path("scripts")}:{os.environ["PATH"]}',
@@ -165,7 +164,7 @@ def environment(folder, domain) -> dict[str, str]:
     }
 
 
-def ends_well(command, folder, variables, statuses) -> None:
+def ends_well(command, folder, variables, statuses):
     done = subprocess.run(
         command,
         cwd=folder,
@@ -179,7 +178,7 @@ def ends_well(command, folder, variables, statuses) -> None:
     assert 'Traceback' not in done.stderr, f'{command[-1]}\n{done.stderr}'
 
 
-def runs_until_stopped(command, seconds, folder, variables, there) -> None:
+def runs_until_stopped(command, seconds, folder, variables, there):
     """Start a node, interrupt it some seconds after it is on the graph; it must not end before."""
     name, end = Path(command.split()[0]).name, time.monotonic() + TIMEOUT
     # one of its name may be left from the command before
@@ -240,12 +239,6 @@ def test_every_fence_says_what_it_holds(path):
     text = path.read_text(encoding='utf-8')
     # commands that are indented, not fenced, would be run by nobody
     assert not re.findall(r'^    (?:rpms|make|ros2|pip|python|colcon) .*$', text, re.MULTILINE)
-
-
-def test_the_commands_of_the_readme_are_found():
-    found = [command for fence in fences(ROOT / 'README.md') for command, _ in fence.commands()]
-    assert sum('rpms identify bags/sample' in command for command in found) == 1
-    assert any(command.startswith('make demo') for command in found)
 
 
 def test_a_command_that_fails_is_noticed(scratch, domain, on_the_graph):

@@ -3,7 +3,6 @@
 """What pages refer to is there, what is generated holds everything, examples run."""
 
 import ast
-import dataclasses
 import doctest
 import importlib
 import importlib.util
@@ -12,18 +11,15 @@ import json
 import os
 import re
 import sys
-from collections.abc import Iterator
 from dataclasses import fields
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
 from rpms_ros.cli import COMMANDS
-from rpms_ros.identification import DistortedSineBasis, catalogue
+from rpms_ros.identification import catalogue
 from rpms_ros.identification.quality.doubts import MEANING, REASON
 from rpms_ros.identification.stream import sensor_checks
-from rpms_ros.muscle import IntensityRecruitment, RecruitmentParameters
 from rpms_ros.stimulation.devices import registry
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -38,29 +34,27 @@ LINK = re.compile(
 )
 
 
-def links(path) -> Iterator[tuple[bool, str]]:
+def links(path):
     text = re.sub(r'^```.*?^```', '', path.read_text(encoding='utf-8'), flags=re.M | re.S)
     for found in LINK.finditer(text):
         if found['path']:
             yield bool(found['image']), found['path']
 
 
-def module(name) -> ModuleType:
+def module(name):
     """Import a script of the folder docs."""
     specification = importlib.util.spec_from_file_location(f'docs_{name}', DOCS / f'{name}.py')
-    assert specification is not None
-    assert specification.loader is not None
     found = importlib.util.module_from_spec(specification)
     sys.modules[f'docs_{name}'] = found
     specification.loader.exec_module(found)
     return found
 
 
-def drawn() -> set[str]:
+def drawn():
     """Return the names of the figures that docs/figures.py draws, without drawing them."""
     for node in ast.parse((DOCS / 'figures.py').read_text()).body:
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == 'FIGURES':
-            return {f'{key.value}.png' for key in node.value.keys}  # type: ignore[attr-defined]
+            return {f'{key.value}.png' for key in node.value.keys}
     return set()
 
 
@@ -121,6 +115,13 @@ def test_every_dotted_name_is_there(title):
         assert hasattr(importlib.import_module(module), member), name
 
 
+def test_the_modules_of_the_two_ways_are_there():
+    (text,) = re.findall(r'^## Two ways.*?(?=^## )', PAGE, re.MULTILINE | re.DOTALL)
+    names = re.findall(r'`(\w+(?:/\w+)+)`', text)
+    assert len(names) > 30
+    assert [name for name in names if not (ROOT / 'rpms_ros' / f'{name}.py').exists()] == []
+
+
 def test_groups_and_options_are_named():
     estimator, monitor = WALKS['A new estimator'], WALKS['A new monitor']
     assert f'"{catalogue.GROUP}"' in estimator
@@ -151,7 +152,7 @@ TEST = re.compile(r'`(test/[\w/]+\.py)::(\w+)`')
 MODEL = (ROOT / 'docs/model.md').read_text(encoding='utf-8')
 
 
-def resolve(name) -> object:
+def resolve(name):
     """Return what a dotted name below the package stands for; a field for one of a class."""
     module, *attributes = name.split('.')
     found: object = importlib.import_module(f'rpms_ros.{module}')
@@ -164,31 +165,7 @@ def resolve(name) -> object:
 @pytest.mark.parametrize(('name', 'argument'), ROW.findall(GLOSSARY))
 def test_names_of_the_glossary_exist(name, argument):
     found = resolve(name)
-    assert not argument or argument in inspect.signature(found).parameters  # type: ignore[arg-type]
-
-
-def test_every_row_of_the_glossary_is_understood():
-    rows = [line for line in GLOSSARY.splitlines() if line.startswith('| ') and '`' in line]
-    assert len(ROW.findall(GLOSSARY)) == len(rows) > 40
-
-
-@pytest.mark.parametrize(
-    ('owner', 'names'),
-    [
-        (
-            'muscle.IntensityRecruitment',
-            [field.name for field in dataclasses.fields(IntensityRecruitment)],
-        ),
-        ('muscle.RecruitmentParameters', list(RecruitmentParameters._fields)),
-        (
-            'identification.DistortedSineBasis',
-            [field.name for field in dataclasses.fields(DistortedSineBasis)],
-        ),
-    ],
-)
-def test_parameters_with_a_letter_are_in_the_glossary(owner, names):
-    listed = {name for name, _ in ROW.findall(GLOSSARY)}
-    assert {f'{owner}.{name}' for name in names} <= listed
+    assert not argument or argument in inspect.signature(found).parameters
 
 
 def test_every_number_of_the_model_has_a_test():

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from rpms_ros.errors import MuscleError
 from rpms_ros.muscle import Contraction, Subject, average_subject, simulation_subject, twitch
 from rpms_ros.muscle.time_varying import Change, Fatigue, LivingSettings, Potentiation
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray, PulseTrain
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, PulseTrain
 
 MILLISECOND = 1_000_000
 
@@ -27,12 +27,12 @@ onsets = st.lists(st.integers(0, 3 * NANOSECONDS_PER_SECOND), min_size=1, max_si
 stamps = st.lists(st.integers(0, 4 * NANOSECONDS_PER_SECOND), min_size=1, max_size=30)
 
 
-def intensities_of(onset_ns) -> FloatArray:
+def intensities_of(onset_ns):
     """Return some intensity for each onset, the same one in every call."""
     return np.asarray(onset_ns % 1009 / 1009)
 
 
-def superposition(subject, onset_ns, intensity, stamp_ns, rate_hz) -> FloatArray:
+def superposition(subject, onset_ns, intensity, stamp_ns, rate_hz):
     """Return Eq. (11) as it stands: a sum of twitches over every pulse there has been."""
     rates = np.full(len(onset_ns), rate_hz)
     if rate_hz is None:
@@ -47,7 +47,7 @@ def superposition(subject, onset_ns, intensity, stamp_ns, rate_hz) -> FloatArray
     return total
 
 
-def grid(start_s, stop_s) -> IntArray:
+def grid(start_s, stop_s):
     """Return stamps at 1 kHz."""
     return MILLISECOND * np.arange(round(1000 * start_s), round(1000 * stop_s), dtype=np.int64)
 
@@ -130,16 +130,16 @@ EVERYTHING = LivingSettings(
 )
 
 
-def train(seconds, rate_hz=20.0) -> PulseTrain:
+def train(seconds, rate_hz=20.0):
     intensity = np.random.default_rng(3).uniform(0.3, 1.0, round(rate_hz * seconds))
     return PulseTrain.regular(intensity, rate_hz, EPOCH_NS)
 
 
-def epoch_grid(seconds) -> IntArray:
+def epoch_grid(seconds):
     return EPOCH_NS + MILLISECOND * np.arange(round(1000 * seconds), dtype=np.int64)
 
 
-def living(changing, rate_hz=None, seconds=3.0) -> Contraction:
+def living(changing, rate_hz=None, seconds=3.0):
     muscle = Contraction(average_subject(), rate_hz, changing, EPOCH_NS)
     pulses = train(seconds)
     muscle.add_pulses(pulses.onset_ns, pulses.intensity)
@@ -157,12 +157,12 @@ def test_blocks_of_a_muscle_that_changes_change_no_bit(cuts):
     np.testing.assert_array_equal(np.concatenate(blocks), whole)
 
 
-def chain(subject, pulses, fatigue, seconds) -> FloatArray:
+def chain(subject, pulses, fatigue, seconds):
     """Return force, fatigue and slowing at the end of a chain of three poles with fatigue."""
     state = np.array([0.0, 0.0, 0.0, 1.0, 1.0])
     peak = (np.e / 2) ** 2
 
-    def rates(_time: float, x: FloatArray) -> FloatArray:
+    def rates(_time, x):
         slow = subject.time_constant * x[4]
         use = peak * x[2] / subject.maximum_force
         return np.array(

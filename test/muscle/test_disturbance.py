@@ -23,7 +23,7 @@ from rpms_ros.muscle.scenario import (
 from rpms_ros.muscle.sensor import KINDS, FaultySensor, SensorFault
 from rpms_ros.muscle.simulation import Surroundings, simulate_session
 from rpms_ros.muscle.time_varying import Change, Fatigue, LivingSettings
-from rpms_ros.pulses import FloatArray, ForceTrace, PulseTrain
+from rpms_ros.pulses import PulseTrain
 
 SAMPLES = 2000
 STAMP_NS = 1_700_000_000_000_000_000 + 1_000_000 * np.arange(SAMPLES, dtype=np.int64)
@@ -37,7 +37,7 @@ EVERYTHING = Disturbances(
 )
 
 
-def measured(disturbances, seed=0) -> FloatArray:
+def measured(disturbances, seed=0):
     return Sensor(disturbances, seed).measure(STAMP_NS, FORCE, ONSET_NS, INTENSITY)
 
 
@@ -111,7 +111,7 @@ def test_a_tremor_has_its_frequency_and_ends():
     assert crossings in (15, 16)
 
 
-def shown(*faults: SensorFault) -> ForceTrace:
+def shown(*faults):
     return FaultySensor(faults, START_NS)(FAULTY_NS, FAULTY)
 
 

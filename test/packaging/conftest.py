@@ -3,19 +3,17 @@
 """Scripts of the folder tools as modules; they have no ending."""
 
 import importlib.util
-from collections.abc import Callable
 from importlib.machinery import SourceFileLoader
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
 
 @pytest.fixture
-def tool() -> Callable[[str], ModuleType]:
+def tool():
     """Load a fresh module from a script of tools/."""
 
-    def load(name: str) -> ModuleType:
+    def load(name):
         loader = SourceFileLoader(name, str(Path(__file__).parents[2] / 'tools' / name))
         specification = importlib.util.spec_from_loader(name, loader)
         assert specification is not None

@@ -17,22 +17,21 @@ ROOT = Path(__file__).resolve().parents[2]
 MSGS = ROOT / 'msg_defs'
 
 
-def package_xml(folder: Path) -> ET.Element:
+def package_xml(folder):
     return ET.parse(folder / 'package.xml').getroot()
 
 
-def text(element: ET.Element, tag: str) -> str:
+def text(element, tag):
     found = element.find(tag)
-    assert found is not None
     assert found.text is not None
     return found.text
 
 
-def depends(element: ET.Element, *tags: str) -> set[str]:
+def depends(element, *tags):
     return {item.text or '' for tag in tags for item in element.findall(tag)}
 
 
-def setup_arguments() -> dict[str, object]:
+def setup_arguments():
     """Literal keyword arguments of setup(), without running it."""
     tree = ast.parse((ROOT / 'setup.py').read_text())
     calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)]
@@ -44,13 +43,13 @@ def setup_arguments() -> dict[str, object]:
     return literal
 
 
-def scripts() -> list[str]:
+def scripts():
     entry_points = setup_arguments()['entry_points']
     assert isinstance(entry_points, dict)
     return list(entry_points['console_scripts'])
 
 
-def imported_packages() -> set[str]:
+def imported_packages():
     """Top-level names that the sources of rpms_ros import."""
     names = set()
     for path in (ROOT / 'rpms_ros').rglob('*.py'):
@@ -62,7 +61,7 @@ def imported_packages() -> set[str]:
     return names
 
 
-def test_one_version() -> None:
+def test_one_version():
     init = (ROOT / 'rpms_ros' / '__init__.py').read_text()
     project = tomllib.loads((MSGS / 'pyproject.toml').read_text())['project']
     versions = {
@@ -78,7 +77,7 @@ def test_one_version() -> None:
 # catkin_pkg calls docutils by an old name
 @pytest.mark.filterwarnings('ignore:nodes.Node.traverse')
 @pytest.mark.parametrize('folder', [ROOT, MSGS], ids=['rpms_ros', 'rpms_msgs'])
-def test_a_release_finds_the_changes_of_its_version(folder: Path) -> None:
+def test_a_release_finds_the_changes_of_its_version(folder):
     root = package_xml(folder)
     rst = (folder / 'CHANGELOG.rst').read_text()
     assert f'Changelog for package {text(root, "name")}\n' in rst
@@ -92,7 +91,7 @@ def test_a_release_finds_the_changes_of_its_version(folder: Path) -> None:
     assert changelog.get_content_of_version(version)
 
 
-def test_cmake_generates_every_interface() -> None:
+def test_cmake_generates_every_interface():
     cmake = (MSGS / 'CMakeLists.txt').read_text()
     named = set(re.findall(r'"((?:msg|srv|action)/\w+\.\w+)"', cmake))
     there = {
@@ -103,14 +102,14 @@ def test_cmake_generates_every_interface() -> None:
     assert named == there
 
 
-def test_cmake_depends_as_package_xml_says() -> None:
+def test_cmake_depends_as_package_xml_says():
     cmake = (MSGS / 'CMakeLists.txt').read_text()
     found = set(re.findall(r'find_package\((\w+) REQUIRED\)', cmake))
     assert found == depends(package_xml(MSGS), 'buildtool_depend', 'depend')
 
 
 @pytest.mark.parametrize('script', scripts())
-def test_console_script_has_a_target(script: str) -> None:
+def test_console_script_has_a_target(script):
     module, function = script.split('=')[1].strip().split(':')
     assert callable(getattr(import_module(module), function))
 
@@ -134,13 +133,13 @@ ROS_PACKAGES |= {'geometry_msgs', 'lifecycle_msgs', 'rcl_interfaces', 'rclpy', '
 ROS_PACKAGES |= {'rpms_msgs', 'std_msgs', 'std_srvs'}
 
 
-def test_every_import_is_a_declared_dependency() -> None:
+def test_every_import_is_a_declared_dependency():
     keys = {ROSDEP.get(name, name) for name in imported_packages()}
     needed = keys & (set(ROSDEP.values()) | ROS_PACKAGES)
     assert needed <= depends(package_xml(ROOT), 'depend', 'exec_depend')
 
 
-def test_the_image_is_built_as_the_page_builds_a_workspace() -> None:
+def test_the_image_is_built_as_the_page_builds_a_workspace():
     readme, lines = (ROOT / 'README.md').read_text(), (ROOT / 'Dockerfile').read_text()
     steps = re.findall(r'^((?:rosdep install|colcon build) .*)$', readme, re.MULTILINE)
     assert len(steps) == 2
@@ -152,7 +151,7 @@ def test_the_image_is_built_as_the_page_builds_a_workspace() -> None:
     assert set(pinned.split()) <= set((ROOT / 'requirements' / 'rpms.lock').read_text().split())
 
 
-def test_locks_pin_every_package_once() -> None:
+def test_locks_pin_every_package_once():
     pins = []
     for name in ('rpms.lock', 'colcon.lock', 'docs.lock'):
         lines = (ROOT / 'requirements' / name).read_text().splitlines()
@@ -163,7 +162,7 @@ def test_locks_pin_every_package_once() -> None:
 
 
 @pytest.mark.parametrize('name', ['rpms', 'colcon', 'docs', 'wheel'])
-def test_lock_follows_its_source(name: str) -> None:
+def test_lock_follows_its_source(name):
     source = (ROOT / 'requirements' / f'{name}.in').read_text()
     wanted = re.findall(r'^([\w.-]+)(?:\[\w+\])?(==[\w.]+)?$', source, re.MULTILINE)
     lock = (ROOT / 'requirements' / f'{name}.lock').read_text().splitlines()

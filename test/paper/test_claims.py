@@ -32,28 +32,28 @@ RATE = 20.0
 SECONDS = 90
 
 
-def random_train(seed) -> PulseTrain:
+def random_train(seed):
     return PulseTrain.regular(np.random.default_rng(seed).uniform(size=SECONDS * 20), RATE)
 
 
-def sinusoidal_train() -> PulseTrain:
+def sinusoidal_train():
     phase = 2.0 * np.pi * np.arange(SECONDS * 20) / RATE / 9.0
     return PulseTrain.regular(0.5 - 0.5 * np.cos(phase), RATE)
 
 
-def force_of(subject, train, stamp_ns) -> FloatArray:
+def force_of(subject, train, stamp_ns):
     contraction = Contraction(subject, fixed_rate_hz=RATE)
     contraction.add_pulses(train.onset_ns, train.intensity)
     return contraction.force(stamp_ns)
 
 
-def curve_error(subject, curve) -> float:
+def curve_error(subject, curve):
     """Return the worst error of the steady force over the intensity, relative to its maximum."""
     true = subject.steady_force(CURVE_INTENSITY, RATE)
     return float(np.abs(curve - true).max() / true.max())
 
 
-def norm_ratio(error, reference) -> float:
+def norm_ratio(error, reference):
     return float(np.linalg.norm(error) / np.linalg.norm(reference))
 
 
@@ -91,7 +91,7 @@ class Batch(NamedTuple):
     curve_error: float
 
 
-def batch(subject, train, basis, alpha_thr=6.0) -> Batch:
+def batch(subject, train, basis, alpha_thr=6.0):
     """Return the minimum of Eq. (23), from the start values of Sec. 3.3.3."""
     # Every seventh sample: 7 and the 50 of a period have no common factor, so all lags occur.
     stamp_ns = MILLISECOND * np.arange(0, 40_000, 7, dtype=np.int64)
@@ -102,7 +102,7 @@ def batch(subject, train, basis, alpha_thr=6.0) -> Batch:
     lag = (stamp_ns[:, None] - train.onset_ns[np.maximum(index, 0)]) * 1e-9
     values = basis.evaluate(lag.ravel()).reshape(*lag.shape, -1) * (index >= 0)[..., None]
 
-    def eliminate(theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def eliminate(theta):
         parameters = RecruitmentParameters(*theta, alpha_thr)
         rho = identified_recruitment(parameters, train.intensity)[np.maximum(index, 0)]
         phi = np.einsum('sp,spf->sf', rho, values)
@@ -157,7 +157,7 @@ def test_the_wrong_alpha_thr_leaves_an_error_for_ever(
     assert 100 * found.curve_error == pytest.approx(curve_percent, rel=0.1, abs=0.015)
 
 
-def recursion(settings, train, seed, subject=None, convergence=36_000) -> tuple[float, float]:
+def recursion(settings, train, seed, subject=None, convergence=36_000):
     """Return the curve error after convergence and the relative output error from then on."""
     subject = subject or simulation_subject()
     stamp_ns = MILLISECOND * np.arange(SECONDS * 1000, dtype=np.int64)

@@ -16,7 +16,6 @@ from rpms_ros.muscle import (
     average_subject,
     identified_recruitment,
     random_subject,
-    simulation_subject,
     steady_mean,
     summed_twitches,
     twitch,
@@ -40,7 +39,7 @@ TABLE_6 = [
 ]
 
 
-def assert_fills(values, low, high) -> None:
+def assert_fills(values, low, high):
     """Values lie within a range and use all of it."""
     strip = STRIP * (high - low)
     assert low <= min(values) <= low + strip
@@ -63,12 +62,6 @@ def test_tables_1_and_2_latency_and_time_constant(name, modality, low, high, mea
     assert_fills([1e3 * getattr(subject, name) for subject in drawn], low, high)
 
 
-def test_table_3_recruitment_by_intensity_and_rate():
-    expected = IntensityRecruitment(0.48, 0.98, 5.0, 4.0, gain=0.738, offset=0.539)
-    assert average_subject().recruitment == expected
-    assert average_subject().rate_recruitment == RateRecruitment(25.0, 0.05, 0.0597, -0.321)
-
-
 @pytest.mark.parametrize(
     ('settings', 'forgetting', 'form_factor'), [(TABLE_4, 0.99, 120.0), (TABLE_5, 0.999, 45.0)]
 )
@@ -84,28 +77,6 @@ def test_tables_4_and_5(settings, forgetting, form_factor):
     assert settings.basis.memory_taps == 350
     assert settings.basis.functions == 8
     assert settings.basis.tap == 1e-3
-
-
-def test_start_values_of_sections_333_and_334():
-    assert RecruitmentParameters(0.40, 0.90, 3.0, 6.0) == TABLE_4.start
-    assert RecruitmentParameters(0.40, 0.90, 10.0, 6.0) == TABLE_5.start
-
-
-def test_plant_of_section_333():
-    subject = simulation_subject()
-    shape = subject.recruitment
-    assert (shape.threshold, shape.saturation, shape.saturation_slope) == (0.48, 0.98, 4.0)
-    assert shape.threshold_slope == 6.0
-    assert subject.time_constant == 38.44e-3
-
-
-@pytest.mark.parametrize('row', TABLE_6)
-def test_table_6_lies_within_bounds_and_random_subjects(row):
-    theta = RecruitmentParameters(*row)
-    assert TABLE_5.bounds.hold(theta)
-    assert 0.45 <= theta.u_thr <= 0.70
-    assert 0.80 <= theta.u_sat <= 1.00
-    assert 3.5 <= theta.alpha_sat <= 17.0
 
 
 def test_one_row_of_table_6_dips_below_zero():
@@ -159,17 +130,17 @@ def test_share_of_random_shapes_that_are_drawn_again():
     class Counting:
         """A generator that counts its uniform draws."""
 
-        def __init__(self, seed: int) -> None:
+        def __init__(self, seed):
             self.draws = 0
             self._generator = np.random.default_rng(seed)
 
-        def uniform(self, low: float, high: float) -> float:
+        def uniform(self, low, high):
             self.draws += 1
             return float(self._generator.uniform(low, high))
 
     generators = [Counting(seed) for seed in range(1000)]
     for generator in generators:
-        random_subject(generator)  # type: ignore[arg-type]
+        random_subject(generator)
     shapes = sum((generator.draws - 3) // 4 for generator in generators)
     # Five standard deviations of a share near 0.1 out of 1000.
     assert 1.0 - 1000 / shapes == pytest.approx(0.1, abs=5 * math.sqrt(0.09 / 1000))

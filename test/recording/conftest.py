@@ -3,9 +3,8 @@
 """Recordings for tests, made by the package and by rosbags."""
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -19,19 +18,16 @@ from rpms_ros.recording.rosbag.definitions import known_types
 START_NS = 1_700_000_000_000_000_000
 RECORDINGS = Path(os.environ.get('RPMS_RECORDINGS', Path(__file__).parents[3] / 'shared/data'))
 
-Message = tuple[str, str, int, Any]
-"""Topic, type, time of reception [ns] and message of rosbags."""
-
 
 @pytest.fixture
-def as_sqlite3(beside: Callable[[str], ModuleType]) -> Callable[[Path], Path]:
+def as_sqlite3(beside):
     """Turn a recording into one of sqlite3."""
     convert: Callable[[Path], Path] = beside('sqlite_bags').as_sqlite3
     return convert
 
 
 @pytest.fixture
-def session() -> tuple[PulseTrain, ForceTrace]:
+def session():
     """Two seconds of pulses at 20 Hz and force at 1 kHz."""
     generator = np.random.default_rng(7)
     stamp_ns = START_NS + np.arange(2000, dtype=np.int64) * 1_000_000
@@ -43,45 +39,38 @@ class Make:
     """Messages of rosbags."""
 
     @staticmethod
-    def of(kind: str, *fields: Any) -> Any:
+    def of(kind, *fields):
         return known_types().types[kind](*fields)
 
-    def header(self, stamp_ns: int, frame_id: str) -> Any:
+    def header(self, stamp_ns, frame_id):
         time = self.of('builtin_interfaces/msg/Time', *divmod(stamp_ns, 1_000_000_000))
         return self.of('std_msgs/msg/Header', time, frame_id)
 
-    def pulse(
-        self, stamp_ns: int, sequence: int = 0, intensity: float = 0.5, frame_id: str = 'coil'
-    ) -> Any:
+    def pulse(self, stamp_ns, sequence=0, intensity=0.5, frame_id='coil'):
         fields = (self.header(stamp_ns, frame_id), sequence, intensity, 1e-4, 0)
         return self.of('rpms_msgs/msg/Pulse', *fields)
 
-    def wrench(self, x: float, y: float, z: float) -> Any:
+    def wrench(self, x, y, z):
         force = self.of('geometry_msgs/msg/Vector3', x, y, z)
         torque = self.of('geometry_msgs/msg/Vector3', 0.0, 0.0, 0.0)
         return self.of('geometry_msgs/msg/Wrench', force, torque)
 
-    def wrench_stamped(self, stamp_ns: int, z: float, frame_id: str = 'load_cell') -> Any:
+    def wrench_stamped(self, stamp_ns, z, frame_id='load_cell'):
         fields = (self.header(stamp_ns, frame_id), self.wrench(0.0, 0.0, z))
         return self.of('geometry_msgs/msg/WrenchStamped', *fields)
 
 
 @pytest.fixture
-def make() -> Make:
+def make():
     """Messages of rosbags."""
     return Make()
 
 
 @pytest.fixture
-def write_with_rosbags(tmp_path: Path) -> Callable[..., Path]:
+def write_with_rosbags(tmp_path):
     """Write messages with rosbags; return the folder."""
 
-    def write(
-        messages: Sequence[Message],
-        storage: StoragePlugin = StoragePlugin.MCAP,
-        compression: CompressionMode = CompressionMode.NONE,
-        name: str = 'bag',
-    ) -> Path:
+    def write(messages, storage=StoragePlugin.MCAP, compression=CompressionMode.NONE, name='bag'):
         path = tmp_path / name
         writer = Writer(path, version=9, storage_plugin=storage)
         if compression is not CompressionMode.NONE:

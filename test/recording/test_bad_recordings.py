@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings with something wrong: the readable part is used, the rest is named in one line."""
+"""Recordings with something wrong: the readable part is used, what changed or is missing named."""
 
 import os
 import shutil
@@ -8,32 +8,36 @@ import signal
 import sqlite3
 import subprocess
 import sys
-from collections.abc import Callable
 from contextlib import closing
-from pathlib import Path
-from typing import Any
+from random import Random
 
 import numpy as np
 import pytest
+from hypothesis import given, strategies as st
 from mcap.opcode import Opcode
+from mcap.reader import make_reader
 
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import ForceTrace, PulseTrain
-from rpms_ros.recording import Topics, read_facts, read_recording, write_recording
+from rpms_ros.recording import (
+    RecordingWriter,
+    read_facts,
+    read_recording,
+    session_hash,
+    write_recording,
+)
 from rpms_ros.recording.rosbag.definitions import FLOAT64, PULSE, WRENCH
 from rpms_ros.recording.rosbag.mcap_files import MAGIC, walk
+from rpms_ros.recording.rosbag.sqlite_files import batches
 
-Session = tuple[PulseTrain, ForceTrace]
-WriteWithRosbags = Callable[..., Path]
-AsSqlite3 = Callable[[Path], Path]
 STORAGES = ['', 'lz4', 'zstd', 'sqlite3']
 
 
-def storage_file(path: Path) -> Path:
+def storage_file(path):
     return next(file for file in path.iterdir() if file.suffix in ('.mcap', '.db3'))
 
 
-def assert_beginning(recording: Any, session: Session, at_least: int) -> None:
+def assert_beginning(recording, session, at_least):
     """Check that the samples are the first ones of the session, and not too few."""
     count = len(recording.forces)
     assert at_least <= count < len(session[1])
@@ -43,7 +47,7 @@ def assert_beginning(recording: Any, session: Session, at_least: int) -> None:
 
 @pytest.mark.parametrize('suffix', ['.mcap', '.db3'])
 @pytest.mark.parametrize(('content', 'found'), [(b'', 'an empty file'), (b'%PDF-1.4', "b'%PDF")])
-def test_no_recording_at_all(tmp_path: Path, suffix: str, content: bytes, found: str) -> None:
+def test_no_recording_at_all(tmp_path, suffix, content, found):
     path = tmp_path / f'bag{suffix}'
     path.write_bytes(content)
     with pytest.raises(RecordingError, match=f'expected an? (mcap|sqlite3) file at .*{found}'):
@@ -51,9 +55,7 @@ def test_no_recording_at_all(tmp_path: Path, suffix: str, content: bytes, found:
 
 
 @pytest.mark.parametrize('storage', STORAGES)
-def test_recording_cut_off(
-    session: Session, tmp_path: Path, storage: str, as_sqlite3: AsSqlite3
-) -> None:
+def test_recording_cut_off(session, tmp_path, storage, as_sqlite3):
     path = tmp_path / 'bag'
     write_recording(path, *session, compression='' if storage == 'sqlite3' else storage)
     if storage == 'sqlite3':
@@ -69,7 +71,7 @@ def test_recording_cut_off(
     assert_beginning(recording, session, 200)
 
 
-def test_every_cut_of_an_mcap_file_reads_or_says_why(session: Session, tmp_path: Path) -> None:
+def test_every_cut_of_an_mcap_file_reads_or_says_why(session, tmp_path):
     path = tmp_path / 'bag'
     pulses, forces = session
     short = PulseTrain(*(column[:2] for column in vars(pulses).values()))
@@ -87,7 +89,7 @@ def test_every_cut_of_an_mcap_file_reads_or_says_why(session: Session, tmp_path:
         assert recording.facts.faults or size > len(whole) - 9
 
 
-def test_wrong_checksum_leaves_the_chunk_out(session: Session, tmp_path: Path) -> None:
+def test_wrong_checksum_leaves_the_chunk_out(session, tmp_path):
     path = tmp_path / 'bag'
     write_recording(path, *session)
     file = storage_file(path)
@@ -124,14 +126,13 @@ time.sleep(60)
 
 
 @pytest.mark.long
-def test_killed_writer_leaves_what_it_flushed(tmp_path: Path) -> None:
+def test_killed_writer_leaves_what_it_flushed(tmp_path):
     path = tmp_path / 'bag'
     with subprocess.Popen(
         [sys.executable, '-c', KILLED_WRITER, str(path)],
         stdout=subprocess.PIPE,
         text=True,
     ) as process:
-        assert process.stdout is not None
         assert process.stdout.readline() == 'ready\n'
         process.send_signal(signal.SIGKILL)
     before = {file.name: file.read_bytes() for file in path.iterdir()}
@@ -144,9 +145,7 @@ def test_killed_writer_leaves_what_it_flushed(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('mode', ['WAL', 'DELETE'])
-def test_a_journal_beside_a_database_is_used_on_a_copy(
-    session: Session, tmp_path: Path, as_sqlite3: AsSqlite3, mode: str
-) -> None:
+def test_a_journal_beside_a_database_is_used_on_a_copy(session, tmp_path, as_sqlite3, mode):
     write_recording(tmp_path / 'bag', *session)
     file = as_sqlite3(tmp_path / 'bag')
     with closing(sqlite3.connect(file)) as connection:
@@ -168,7 +167,7 @@ def test_a_journal_beside_a_database_is_used_on_a_copy(
 @pytest.mark.parametrize(
     'text', ['', '[', 'a: b', 'rosbag2_bagfile_information: 3', '\x00', '- - :']
 )
-def test_damaged_metadata_are_left_aside(session: Session, tmp_path: Path, text: str) -> None:
+def test_damaged_metadata_are_left_aside(session, tmp_path, text):
     path = tmp_path / 'bag'
     write_recording(path, *session)
     (path / 'metadata.yaml').write_text(text)
@@ -177,7 +176,7 @@ def test_damaged_metadata_are_left_aside(session: Session, tmp_path: Path, text:
     assert recording.facts.faults == {'damaged_metadata': 1}
 
 
-def test_split_recording(session: Session, tmp_path: Path) -> None:
+def test_split_recording(session, tmp_path):
     pulses, forces = session
     whole = tmp_path / 'whole'
     whole.mkdir()
@@ -196,18 +195,7 @@ def test_split_recording(session: Session, tmp_path: Path) -> None:
     assert recording.facts.faults == {'missing_metadata': 1, 'unreadable_file': 1}
 
 
-def test_missing_topic_names_those_that_are_there(session: Session, tmp_path: Path) -> None:
-    path = tmp_path / 'bag'
-    write_recording(path, *session)
-    with pytest.raises(
-        RecordingError, match=r'expected topic torque in .*, got /force \(geometry_msgs/msg/Wrench'
-    ):
-        read_recording(path, Topics(force='torque'))
-
-
-def test_definition_that_is_another_one_is_used_and_named(
-    session: Session, tmp_path: Path, as_sqlite3: AsSqlite3
-) -> None:
+def test_definition_that_is_another_one_is_used_and_named(session, tmp_path, as_sqlite3):
     path = tmp_path / 'bag'
     write_recording(path, *session)
     change = 'UPDATE message_definitions SET encoded_message_definition = replace('
@@ -220,9 +208,7 @@ def test_definition_that_is_another_one_is_used_and_named(
     assert recording.pulses.width[0] == np.array(1e-4).view(np.int64)
 
 
-def test_forces_without_stamps_count_from_reception(
-    write_with_rosbags: WriteWithRosbags, make: Any
-) -> None:
+def test_forces_without_stamps_count_from_reception(write_with_rosbags, make):
     for name, kind, value in (
         ('wrench', WRENCH, make.wrench(3.0, float('nan'), 4.0)),
         ('number', FLOAT64, make.of(FLOAT64, 5.0)),
@@ -233,3 +219,160 @@ def test_forces_without_stamps_count_from_reception(
         assert recording.forces.stamp_ns.tolist() == [30, 40, 50]
         # 0.6 * 3 + 0.8 * 4, each rounded once.
         np.testing.assert_allclose(recording.forces.force, 5.0, rtol=1e-15)
+
+
+ids = st.one_of(st.integers(-(2**63), 2**63 - 1), st.integers(0, 20_000))
+rows_by_id = st.dictionaries(
+    ids, st.tuples(st.integers(1, 3), st.integers(0, 2**63 - 1), st.binary(max_size=20))
+)
+
+
+def database(rows):
+    connection = sqlite3.connect(':memory:')
+    connection.execute(
+        'CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data)'
+    )
+    connection.executemany(
+        'INSERT INTO messages VALUES (?, ?, ?, ?)', [(key, *row) for key, row in rows.items()]
+    )
+    return connection
+
+
+def read(connection):
+    return [
+        (int(topic[index]), int(records.time_ns[index]), records.message(index))
+        for topic, records in batches(connection)
+        for index in range(len(records))
+    ]
+
+
+@given(rows_by_id)
+def test_rows_come_in_the_order_of_their_ids(rows):
+    assert read(database(rows)) == [rows[key] for key in sorted(rows)]
+
+
+@pytest.mark.parametrize('value', ["'Käthe'", 'NULL'])
+def test_what_is_no_data_becomes_an_empty_message(value):
+    connection = database({1: (1, 5, b'abc'), 2: (1, 6, b'')})
+    connection.execute(f'UPDATE messages SET data = {value} WHERE id = 2')
+    assert read(connection) == [(1, 5, b'abc'), (1, 6, b'')]
+
+
+COMPRESSIONS = ['', 'lz4', 'zstd']
+FLIPS = 40
+
+
+def shown(recording):
+    """Return everything that a command could print of a recording."""
+    facts = recording.facts
+    return session_hash(recording), facts.topics, dict(facts.frame_ids), dict(facts.custom)
+
+
+def short(session):
+    pulses, forces = session
+    return pulses[:5], ForceTrace(forces.stamp_ns[:250], forces.force[:250])
+
+
+@pytest.mark.parametrize('compression', COMPRESSIONS)
+def test_a_flipped_bit_is_named_or_changes_nothing(session, tmp_path, compression):
+    path = tmp_path / 'bag'
+    custom = {'operator': 'somebody', 'seed': '7'}
+    write_recording(path, *short(session), compression=compression, custom=custom)
+    before = shown(read_recording(path))
+    generator = Random(3)
+    for file in (storage_file(path), path / 'metadata.yaml'):
+        whole = file.read_bytes()
+        for _ in range(FLIPS):
+            content = bytearray(whole)
+            content[generator.randrange(len(content))] ^= 1 << generator.randrange(8)
+            file.write_bytes(content)
+            try:
+                recording = read_recording(path)
+            except RecordingError:
+                continue
+            assert recording.facts.faults or shown(recording) == before
+        file.write_bytes(whole)
+
+
+def test_every_checksum_of_the_format_is_written(session, tmp_path):
+    path = tmp_path / 'bag'
+    write_recording(path, *session)
+    with storage_file(path).open('rb') as file:
+        reader = make_reader(file, validate_crcs=True)
+        assert sum(1 for _ in reader.iter_messages()) == 2040
+        assert reader.get_summary() is not None
+    content = storage_file(path).read_bytes()
+    # The last field of the footer, before the closing magic.
+    assert content[-12:-8] != bytes(4)
+    # The checksum of the data, before the schemas of the summary.
+    first = min(content.rindex(b'\x0f' + (4).to_bytes(8, 'little')), len(content))
+    assert content[first + 9 : first + 13] != bytes(4)
+
+
+def test_checksums_are_those_of_sha256sum(session, tmp_path):
+    path = tmp_path / 'bag'
+    write_recording(path, *session)
+    subprocess.run(['sha256sum', '--check', '--strict', 'SHA256SUMS'], cwd=path, check=True)
+
+
+def test_the_hash_is_that_of_the_session(session, tmp_path):
+    found = set()
+    for compression in COMPRESSIONS:
+        path = tmp_path / f'mcap{compression}'
+        write_recording(path, *session, compression=compression)
+        found.add(session_hash(read_recording(path)))
+    assert len(found) == 1
+    pulses, forces = session
+    changes = [
+        (pulses, ForceTrace(forces.stamp_ns + 1, forces.force)),
+        (pulses, ForceTrace(forces.stamp_ns, np.nextafter(forces.force, 1e9))),
+        (PulseTrain(pulses.onset_ns, pulses.intensity, pulses.sequence + 1, pulses.width), forces),
+        (pulses[:-1], forces),
+    ]
+    for number, changed in enumerate(changes):
+        path = tmp_path / f'changed{number}'
+        write_recording(path, *changed)
+        found.add(session_hash(read_recording(path)))
+    assert len(found) == 1 + len(changes)
+
+
+def test_cut_metadata_of_other_writers_are_named(write_with_rosbags, make):
+    path = write_with_rosbags([('/pulses', PULSE, 1, make.pulse(1))])
+    file = path / 'metadata.yaml'
+    lines = file.read_text().splitlines(keepends=True)
+    assert read_facts(path).faults == {}
+    unnamed = []
+    for count in range(len(lines)):
+        file.write_text(''.join(lines[:count]))
+        if 'damaged_metadata' not in read_facts(path).faults:
+            unnamed.append(''.join(lines[count:]))
+    # Nothing is missing without a trace.
+    assert unnamed == []
+
+
+def test_a_count_that_does_not_fit_is_named(write_with_rosbags, make):
+    path = write_with_rosbags([('/pulses', PULSE, 1, make.pulse(1))])
+    file = path / 'metadata.yaml'
+    file.write_text(file.read_text().replace('message_count: 1', 'message_count: 2'))
+    assert read_facts(path).faults == {'wrong_count': 1}
+
+
+def test_a_recording_that_the_device_refused_has_no_end(tmp_path, monkeypatch):
+    path = tmp_path / 'bag'
+    writer = RecordingWriter(path)
+    topic = writer.add_topic('/pulses', PULSE)
+    writer.append(topic, 1, b'abc')
+    writer.flush()
+
+    def refuse():
+        raise OSError(28, 'No space left on device')
+
+    monkeypatch.setattr(writer._writer, 'flush', refuse)
+    with pytest.raises(RecordingError, match=r'expected room and permission .* No space left'):
+        writer.flush()
+    writer.close()
+    facts = read_facts(path)
+    assert facts.faults['truncated_file'] == 1
+    assert [topic.count for topic in facts.topics] == [1]
+    with pytest.raises(RecordingError, match=r'expected an open recording, got .* that is closed'):
+        writer.append(topic, 2, b'abc')

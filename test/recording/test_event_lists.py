@@ -2,15 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Lists of times of pulses beside a sampled force, as in MATLAB files."""
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 from scipy.io import savemat
 
 from rpms_ros.errors import RecordingError
-from rpms_ros.recording.importing import Ambiguous, Imported, ImportOptions, import_file
+from rpms_ros.recording.importing import Ambiguous, ImportOptions, import_file
 
 COUNT = 4000
 TIME = np.arange(COUNT) / 1000.0
@@ -19,16 +16,16 @@ PLACES = np.arange(500, 3500, 50)
 ONSETS = TIME[PLACES]
 
 
-def imported(path: Path, content: dict[str, Any], **options: Any) -> Imported:
+def imported(path, content, **options):
     savemat(path, content)
     return import_file(path, ImportOptions(**options))
 
 
-def told(found: Imported) -> str:
+def told(found):
     return dict(found.facts)['pulses']
 
 
-def expect_the_session(found: Imported, late_s: float = 0.0) -> None:
+def expect_the_session(found, late_s=0.0):
     np.testing.assert_allclose(found.forces.force, FORCE)
     np.testing.assert_allclose(found.pulses.onset_ns, 1e9 * (ONSETS + late_s), atol=2.0)
 
@@ -47,9 +44,7 @@ def expect_the_session(found: Imported, late_s: float = 0.0) -> None:
         ({'stim_times': 1e6 * ONSETS}, 'us'),
     ],
 )
-def test_a_short_rising_vector_is_a_list_of_times(
-    tmp_path: Path, content: dict[str, Any], unit: str
-) -> None:
+def test_a_short_rising_vector_is_a_list_of_times(tmp_path, content, unit):
     found = imported(tmp_path / 'a.mat', {'force': FORCE, 'fs': 1000.0, **content})
     expect_the_session(found)
     name = next(iter(content))
@@ -58,7 +53,7 @@ def test_a_short_rising_vector_is_a_list_of_times(
 
 
 @pytest.mark.parametrize(('name', 'first'), [('stim_idx', 1), ('stim_samples', 1), ('stim', 1)])
-def test_numbers_of_samples_are_counted_from_1(tmp_path: Path, name: str, first: int) -> None:
+def test_numbers_of_samples_are_counted_from_1(tmp_path, name, first):
     rate = 1000.0 if name != 'stim' else 4000.0
     content = {'force': FORCE, 'fs': rate, name: PLACES + first}
     found = imported(tmp_path / 'a.mat', content)
@@ -66,7 +61,7 @@ def test_numbers_of_samples_are_counted_from_1(tmp_path: Path, name: str, first:
     assert f'{len(PLACES)} numbers of samples, counted from 1, ' in told(found)
 
 
-def test_a_list_beside_a_column_of_times(tmp_path: Path) -> None:
+def test_a_list_beside_a_column_of_times(tmp_path):
     content = {'force': FORCE, 'stim_times': ONSETS + 7.0, 'time': TIME + 7.0}
     expect_the_session(imported(tmp_path / 'a.mat', content), 7.0)
     expect_the_session(imported(tmp_path / 'a.mat', content, time='time'), 7.0)
@@ -76,7 +71,7 @@ def test_a_list_beside_a_column_of_times(tmp_path: Path) -> None:
     expect_the_session(imported(tmp_path / 'a.mat', content))
 
 
-def test_the_unit_can_be_decided(tmp_path: Path) -> None:
+def test_the_unit_can_be_decided(tmp_path):
     content = {'force': FORCE, 'fs': 1000.0, 'stim': PLACES + 1}
     expect_the_session(imported(tmp_path / 'a.mat', content, pulse_unit='samples'))
     expect_the_session(imported(tmp_path / 'a.mat', content, pulse_unit='ms'), 1e-3)
@@ -113,8 +108,6 @@ def test_the_unit_can_be_decided(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_other_lengths_and_units_are_refused(
-    tmp_path: Path, content: dict[str, Any], options: dict[str, Any], message: str
-) -> None:
+def test_other_lengths_and_units_are_refused(tmp_path, content, options, message):
     with pytest.raises(RecordingError, match=message):
         imported(tmp_path / 'a.mat', {'force': FORCE, 'fs': 1000.0, **content}, **options)

@@ -6,23 +6,19 @@ import os
 import struct
 import subprocess
 import sys
-from collections.abc import Callable
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 from backports import zstd
 from mcap.opcode import Opcode
 
 from rpms_ros.errors import RecordingError
-from rpms_ros.pulses import ForceTrace, PulseTrain
 from rpms_ros.recording import read_facts, read_recording, write_recording
 from rpms_ros.recording.importing import ImportOptions, import_file
 from rpms_ros.recording.rosbag.mcap_files import MAGIC
 
-Session = tuple[PulseTrain, ForceTrace]
 BENCH = Path(__file__).parents[2] / 'bench' / 'hostile_recordings.py'
 # About two minutes in CI, whose script sets it; a few seconds otherwise.  The seeds are always the
 # same, so that what a change breaks shows with that change; the benches try other ones.
@@ -30,11 +26,11 @@ FUZZ_ROUNDS = int(os.environ.get('RPMS_FUZZ_ROUNDS', '10'))
 
 
 @pytest.fixture(scope='module')
-def bench(module_at: Callable[[Path], ModuleType]) -> ModuleType:
+def bench(module_at):
     return module_at(BENCH)
 
 
-def chunk(content_size: int, packed: bytes, compression: str) -> bytes:
+def chunk(content_size, packed, compression):
     name = compression.encode()
     head = struct.pack('<QQQII', 0, 0, content_size, 0, len(name)) + name
     body = head + struct.pack('<Q', len(packed)) + packed
@@ -42,36 +38,34 @@ def chunk(content_size: int, packed: bytes, compression: str) -> bytes:
 
 
 @cache
-def bomb(size: int) -> bytes:
+def bomb(size):
     """Return a small zstd frame of so many zeros."""
     compressor = zstd.ZstdCompressor()
     parts = [compressor.compress(bytes(1 << 20)) for _ in range(size >> 20)]
     return b''.join((*parts, compressor.flush()))
 
 
-def test_a_chunk_that_unpacks_into_more_than_a_memory_is_refused(tmp_path: Path) -> None:
+def test_a_chunk_that_unpacks_into_more_than_a_memory_is_refused(tmp_path):
     path = tmp_path / 'bomb.mcap'
     path.write_bytes(MAGIC + chunk(12_400_000_000, bomb(32 << 20), 'zstd'))
     with pytest.raises(RecordingError, match=r'read within 1 GB \(--max-memory .*got a chunk of'):
         read_facts(path)
 
 
-def test_a_chunk_that_states_less_than_it_holds_is_cut(tmp_path: Path) -> None:
+def test_a_chunk_that_states_less_than_it_holds_is_cut(tmp_path):
     path = tmp_path / 'bomb.mcap'
     path.write_bytes(MAGIC + chunk(1000, bomb(64 << 20), 'zstd'))
     assert read_facts(path).faults['truncated_file'] == 1
 
 
-def test_a_packed_file_that_unpacks_into_a_full_disk_is_refused(tmp_path: Path) -> None:
+def test_a_packed_file_that_unpacks_into_a_full_disk_is_refused(tmp_path):
     path = tmp_path / 'bomb.mcap.zstd'
     path.write_bytes(bomb(64 << 20))
     with pytest.raises(RecordingError, match=r'read within 0\.01 GB .* bomb.mcap.zstd, which'):
         read_facts(path, memory=10_000_000)
 
 
-def test_more_messages_than_the_memory_takes_are_refused(
-    session: Session, tmp_path: Path, as_sqlite3: Callable[[Path], Path]
-) -> None:
+def test_more_messages_than_the_memory_takes_are_refused(session, tmp_path, as_sqlite3):
     write_recording(tmp_path / 'bag', *session)
     as_sqlite3(tmp_path / 'bag')
     with pytest.raises(RecordingError, match=r'read within 0.0001 GB .* got more messages'):
@@ -98,7 +92,7 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize('text', list(HOSTILE.values()), ids=list(HOSTILE))
-def test_hostile_metadata_are_left_aside(session: Session, tmp_path: Path, text: str) -> None:
+def test_hostile_metadata_are_left_aside(session, tmp_path, text):
     path = tmp_path / 'bag'
     write_recording(path, *session)
     (path / 'metadata.yaml').write_bytes(text.encode('utf-8', 'surrogateescape'))
@@ -107,7 +101,7 @@ def test_hostile_metadata_are_left_aside(session: Session, tmp_path: Path, text:
     assert len(facts.remarks) == 1
 
 
-def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
+def test_a_pipe_is_not_waited_for(tmp_path):
     for name in ('bag_0.mcap', 'bag_0.db3', 'metadata.yaml', 'SHA256SUMS'):
         os.mkfifo(tmp_path / name)
     with pytest.raises(RecordingError, match=r'expected \.mcap or \.db3 files at .*, got none'):
@@ -119,7 +113,7 @@ def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
         import_file(tmp_path / 'trial.csv', ImportOptions())
 
 
-def test_a_view_without_end_is_not_read(tmp_path: Path) -> None:
+def test_a_view_without_end_is_not_read(tmp_path):
     import sqlite3
 
     path = tmp_path / 'bag.db3'
@@ -135,7 +129,7 @@ def test_a_view_without_end_is_not_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_mutated_recordings_are_read_or_refused(bench: ModuleType, tmp_path: Path) -> None:
+def test_mutated_recordings_are_read_or_refused(bench, tmp_path):
     paths = bench.simulated(tmp_path)
     for seed in range(FUZZ_ROUNDS):
         ends = bench.try_mutations(paths, 10, seed)
@@ -146,7 +140,7 @@ def test_mutated_recordings_are_read_or_refused(bench: ModuleType, tmp_path: Pat
 
 @pytest.mark.long
 @pytest.mark.skipif(find_spec('openpyxl') is None, reason='formats')
-def test_mutated_files_of_every_other_kind_are_read_or_refused() -> None:
+def test_mutated_files_of_every_other_kind_are_read_or_refused():
     """In CI as long as the recordings; here a few of each kind, in processes of their own."""
     count = 2 * FUZZ_ROUNDS
     words = [sys.executable, BENCH.with_name('hostile_files.py'), '--count', str(count)]

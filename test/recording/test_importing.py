@@ -3,8 +3,6 @@
 """Files of laboratories: what is accepted, what is guessed, and what is refused in which words."""
 
 import sys
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,9 +10,8 @@ import pytest
 from scipy.io import savemat
 
 from rpms_ros.errors import RecordingError
-from rpms_ros.pulses import ForceTrace, PulseTrain
 from rpms_ros.recording.importing import Ambiguous, ImportOptions, import_file
-from rpms_ros.recording.importing.guess import Guess, guess_by
+from rpms_ros.recording.importing.guess import guess_by
 from rpms_ros.recording.importing.whole_file import read_signals
 
 openpyxl = pytest.importorskip('openpyxl')
@@ -27,18 +24,16 @@ GATE[:3] = 0.0
 ONSETS = [50, 100, 150]
 
 
-def imported(path: Path, **given: Any) -> tuple[PulseTrain, ForceTrace]:
+def imported(path, **given):
     found = import_file(path, ImportOptions(**given))
     return found.pulses, found.forces
 
 
-def guessed(path: Path, **given: Any) -> Guess:
+def guessed(path, **given):
     return guess_by(read_signals(path), ImportOptions(**given))
 
 
-def expect_the_session(
-    pulses: PulseTrain, forces: ForceTrace, scale: float = 1.0, late_s: float = 0.0
-) -> None:
+def expect_the_session(pulses, forces, scale=1.0, late_s=0.0):
     np.testing.assert_allclose(forces.force, scale * FORCE, rtol=1e-6)
     start = forces.stamp_ns[0]
     np.testing.assert_allclose(forces.stamp_ns - start, 1e9 * TIME, atol=1.0)
@@ -46,7 +41,7 @@ def expect_the_session(
     assert (pulses.onset_ns - start).tolist() == [1_000_000 * place for place in ONSETS]
 
 
-def rows(separator: str, comma: bool = False, time: float = 1.0) -> list[str]:
+def rows(separator, comma=False, time=1.0):
     lines = [
         separator.join((f'{time * t:.6g}', f'{f:.4f}', f'{g:.1f}'))
         for t, f, g in zip(TIME, FORCE, GATE, strict=True)
@@ -62,7 +57,7 @@ HEAD = ('Time [s]', 'Force [N]', 'Stim [V]')
     ('separator', 'comma'),
     [(',', False), (';', False), (';', True), ('\t', True), (' ', False), ('|', True)],
 )
-def test_tables_of_text(tmp_path: Path, encoding: str, separator: str, comma: bool) -> None:
+def test_tables_of_text(tmp_path, encoding, separator, comma):
     path = tmp_path / 'trial.csv'
     head = separator.join(name.replace(' ', '_') for name in HEAD)
     head = head.replace('Force', 'Größe_Force') if encoding == 'latin-1' else head
@@ -70,7 +65,7 @@ def test_tables_of_text(tmp_path: Path, encoding: str, separator: str, comma: bo
     expect_the_session(*imported(path))
 
 
-def test_without_a_header_the_columns_are_numbered(tmp_path: Path) -> None:
+def test_without_a_header_the_columns_are_numbered(tmp_path):
     path = tmp_path / 'trial.csv'
     path.write_text('\n'.join(rows(';')))
     file = read_signals(path)
@@ -79,7 +74,7 @@ def test_without_a_header_the_columns_are_numbered(tmp_path: Path) -> None:
     expect_the_session(*imported(path))
 
 
-def test_times_of_day_are_times(tmp_path: Path) -> None:
+def test_times_of_day_are_times(tmp_path):
     lines = [
         f'2024-03-01 10:00:{second:06.3f};{force};{gate}'
         for second, force, gate in zip(TIME, FORCE, GATE, strict=True)
@@ -105,9 +100,7 @@ def test_times_of_day_are_times(tmp_path: Path) -> None:
         ('time,force [V],pressure,gate', {}, r'in V: --force-scale N-PER-UNIT'),
     ],
 )
-def test_what_is_ambiguous_names_the_option_that_decides(
-    tmp_path: Path, head: str, given: dict[str, Any], message: str
-) -> None:
+def test_what_is_ambiguous_names_the_option_that_decides(tmp_path, head, given, message):
     columns = [TIME, FORCE, FORCE + TIME, GATE]
     if 'trigger' in head:
         columns = [TIME, FORCE, GATE, GATE]
@@ -132,16 +125,14 @@ def test_what_is_ambiguous_names_the_option_that_decides(
         ),
     ],
 )
-def test_what_is_no_table_is_refused_in_our_words(
-    tmp_path: Path, content: bytes, message: str
-) -> None:
+def test_what_is_no_table_is_refused_in_our_words(tmp_path, content, message):
     path = tmp_path / 'trial.csv'
     path.write_bytes(content)
     with pytest.raises(RecordingError, match=message):
         read_signals(path)
 
 
-def test_matlab_5(tmp_path: Path) -> None:
+def test_matlab_5(tmp_path):
     path = tmp_path / 'session.mat'
     savemat(path, {'data': {'time': TIME, 'force': FORCE, 'trigger': GATE}, 'note': 'left leg'})
     file = read_signals(path)
@@ -149,7 +140,7 @@ def test_matlab_5(tmp_path: Path) -> None:
     expect_the_session(*imported(path))
 
 
-def test_matlab_matrix_with_a_rate(tmp_path: Path) -> None:
+def test_matlab_matrix_with_a_rate(tmp_path):
     path = tmp_path / 'session.mat'
     savemat(path, {'fs': 1000.0, 'force': FORCE, 'stim': GATE})
     expect_the_session(*imported(path))
@@ -157,7 +148,7 @@ def test_matlab_matrix_with_a_rate(tmp_path: Path) -> None:
     expect_the_session(*imported(path, sampling_rate=1000.0, force='data 1', pulse='data 2'))
 
 
-def spike2_matlab(**change: Any) -> dict[str, Any]:
+def spike2_matlab(**change):
     """Channels as Spike2 exports them to MATLAB: a waveform each of force and gate, and events."""
     waveform = {
         'title': 'Force',
@@ -180,7 +171,7 @@ def spike2_matlab(**change: Any) -> dict[str, Any]:
     return {'leg_Ch1': {**waveform, **change}, 'leg_Ch3': event, 'file': {'name': 'leg.smrx'}}
 
 
-def test_spike2_matlab(tmp_path: Path) -> None:
+def test_spike2_matlab(tmp_path):
     path = tmp_path / 'leg.mat'
     savemat(path, spike2_matlab())
     file = read_signals(path)
@@ -199,14 +190,14 @@ def test_spike2_matlab(tmp_path: Path) -> None:
         read_signals(path)
 
 
-def test_matlab_7_3_is_told_what_to_become(tmp_path: Path) -> None:
+def test_matlab_7_3_is_told_what_to_become(tmp_path):
     path = tmp_path / 'session.mat'
     path.write_bytes(bytes(512) + b'\x89HDF\r\n\x1a\n')
     with pytest.raises(RecordingError, match=r"as save\(..., '-v7'\) writes it, got 7.3 in .*mat"):
         read_signals(path)
 
 
-def test_a_file_on_which_scipy_crashes_is_refused_in_one_line(tmp_path: Path) -> None:
+def test_a_file_on_which_scipy_crashes_is_refused_in_one_line(tmp_path):
     path = tmp_path / 'session.mat'
     savemat(path, {'s': {'a': np.arange(5), 't': 'text'}})
     damaged = bytearray(path.read_bytes())
@@ -217,7 +208,7 @@ def test_a_file_on_which_scipy_crashes_is_refused_in_one_line(tmp_path: Path) ->
         import_file(path, ImportOptions())
 
 
-def test_excel(tmp_path: Path) -> None:
+def test_excel(tmp_path):
     book = openpyxl.Workbook()
     sheet = book.active
     sheet.append(['Trial of a left leg'])
@@ -246,7 +237,7 @@ UnitName=\tN\tV
 """
 
 
-def test_labchart_text(tmp_path: Path) -> None:
+def test_labchart_text(tmp_path):
     path = tmp_path / 'session.txt'
     lines = rows('\t')
     lines[7] += '\t#* pulse of the coil '
@@ -260,14 +251,14 @@ def test_labchart_text(tmp_path: Path) -> None:
     expect_the_session(*imported(path, block=2))
 
 
-def counted(path: Path, name: str, above: str = '') -> Path:
+def counted(path, name, above=''):
     lines = [f'{place}\t{line.partition(chr(9))[2]}' for place, line in enumerate(rows('\t'))]
     path.write_text(f'{above}{name}\tForce\tStim\n' + '\n'.join(lines))
     return path
 
 
 @pytest.mark.parametrize('name', ['Sample', 'index', '#', 'Sample No.', 'n'])
-def test_a_counter_of_samples_is_no_time(tmp_path: Path, name: str) -> None:
+def test_a_counter_of_samples_is_no_time(tmp_path, name):
     path = counted(tmp_path / 'trial.txt', name)
     for options in ({}, {'time': name}):
         with pytest.raises(RecordingError, match=r'got .*, which counts them: --sampling-rate HZ'):
@@ -279,7 +270,7 @@ def test_a_counter_of_samples_is_no_time(tmp_path: Path, name: str) -> None:
     expect_the_session(*imported(counted(path, name, 'Sampling rate = 1 kHz\n')))
 
 
-def test_volts_that_a_header_states_are_no_newtons(tmp_path: Path) -> None:
+def test_volts_that_a_header_states_are_no_newtons(tmp_path):
     above = 'Sample Frequency (Hz): 1000\nTest Data in Volts:\n'
     path = counted(tmp_path / 'trial.txt', 'Sample', above)
     with pytest.raises(Ambiguous, match=r"got 'Force' in V: --force-scale N-PER-UNIT"):
@@ -287,23 +278,21 @@ def test_volts_that_a_header_states_are_no_newtons(tmp_path: Path) -> None:
     expect_the_session(*imported(path, force_scale=2.0), scale=2.0)
 
 
-def test_a_package_that_is_missing_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_package_that_is_missing_is_named(tmp_path, monkeypatch):
     (tmp_path / 'a.xlsx').write_bytes(b'PK\x03\x04')
     monkeypatch.setitem(sys.modules, 'openpyxl', None)
     with pytest.raises(RecordingError, match=r"expected openpyxl for .* 'rpms_ros\[formats\]'"):
         read_signals(tmp_path / 'a.xlsx')
 
 
-def table(path: Path, **columns: np.ndarray) -> Path:
+def table(path, **columns):
     """Write a table of the session with other columns."""
     known = {'time': TIME, 'force': FORCE, 'stim': GATE} | columns
     pd.DataFrame(dict(zip(HEAD, known.values(), strict=True))).to_csv(path, index=False)
     return path
 
 
-def test_times_that_step_back_are_told_with_their_place(tmp_path: Path) -> None:
+def test_times_that_step_back_are_told_with_their_place(tmp_path):
     late = TIME.copy()
     late[150:] -= 0.1
     path = table(tmp_path / 'trial.csv', time=late)
@@ -311,7 +300,7 @@ def test_times_that_step_back_are_told_with_their_place(tmp_path: Path) -> None:
         imported(path)
 
 
-def test_a_force_without_a_number_is_no_force(tmp_path: Path) -> None:
+def test_a_force_without_a_number_is_no_force(tmp_path):
     path = table(tmp_path / 'trial.csv', force=np.full(COUNT, np.nan))
     with pytest.raises(
         RecordingError, match=r"expected numbers in column 'Force \[N\]' of .*none"
@@ -319,7 +308,7 @@ def test_a_force_without_a_number_is_no_force(tmp_path: Path) -> None:
         imported(path)
 
 
-def test_what_is_missing_or_not_stated_is_told(tmp_path: Path) -> None:
+def test_what_is_missing_or_not_stated_is_told(tmp_path):
     force = FORCE.copy()
     force[20:25] = np.nan
     names = dict(zip(('time', 'force', 'pulse'), HEAD, strict=True))

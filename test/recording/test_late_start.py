@@ -2,15 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables that begin amid stimulation, and those that begin at rest."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from rpms_ros.identification import CURVE_INTENSITY, estimator_by_name, identify
 from rpms_ros.muscle import Contraction, Subject
 from rpms_ros.pulses import ForceTrace, PulseTrain
-from rpms_ros.recording.importing import Imported, ImportOptions, import_file
+from rpms_ros.recording.importing import ImportOptions, import_file
 from rpms_ros.recording.importing.whole_file import begins_amid
 
 RATE = 20.0
@@ -19,7 +17,7 @@ STAMP_NS = np.arange(15_000, dtype=np.int64) * 1_000_000
 PULSES = PulseTrain.regular(np.random.default_rng(5).uniform(size=290), RATE, 500_000_000)
 
 
-def session(first: int, sign: float = 1.0) -> tuple[PulseTrain, ForceTrace]:
+def session(first, sign=1.0):
     """The session from a sample on."""
     muscle = Contraction(Subject())
     muscle.add_pulses(PULSES.onset_ns, PULSES.intensity)
@@ -29,7 +27,7 @@ def session(first: int, sign: float = 1.0) -> tuple[PulseTrain, ForceTrace]:
     return pulses, ForceTrace(STAMP_NS[first:], force[first:])
 
 
-def table(path: Path, first: int) -> Imported:
+def table(path, first):
     pulses, forces = session(first)
     gate = np.isin(forces.stamp_ns, pulses.onset_ns).astype(float)
     rows = np.column_stack((1e-9 * forces.stamp_ns, forces.force, gate))
@@ -41,13 +39,11 @@ def table(path: Path, first: int) -> Imported:
 @pytest.mark.parametrize(
     ('first', 'amid'), [(0, False), (480, False), (499, False), (5020, True), (8030, True)]
 )
-def test_a_beginning_amid_stimulation_is_seen(first: int, amid: bool, sign: float) -> None:
+def test_a_beginning_amid_stimulation_is_seen(first, amid, sign):
     assert begins_amid(*session(first, sign)) is amid
 
 
-def test_nothing_is_learnt_from_the_force_of_pulses_that_are_not_in_the_file(
-    tmp_path: Path,
-) -> None:
+def test_nothing_is_learnt_from_the_force_of_pulses_that_are_not_in_the_file(tmp_path):
     found = table(tmp_path / 'late.csv', 5020)
     assert found.pulses.sequence[0] == 1
     assert any('the force is not at rest there' in text for _, text in found.facts)
@@ -63,5 +59,5 @@ def test_nothing_is_learnt_from_the_force_of_pulses_that_are_not_in_the_file(
     assert np.abs(worse.curve_force - truth).max() > 0.005 * truth.max()
 
 
-def pulses_from_0(pulses: PulseTrain) -> PulseTrain:
+def pulses_from_0(pulses):
     return PulseTrain(pulses.onset_ns, pulses.intensity, pulses.sequence - 1, pulses.width)

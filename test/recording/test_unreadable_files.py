@@ -3,8 +3,6 @@
 """Files of laboratories with something odd or damaged: read, or refused at once in one line."""
 
 import zipfile
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -19,14 +17,14 @@ openpyxl = pytest.importorskip('openpyxl')
 ROWS = [(k / 1000, 0.5 * k, 5.0 * (k % 10 == 5)) for k in range(40)]
 
 
-def table(path: Path, head: str, form: str = '{:.3f}') -> Path:
+def table(path, head, form='{:.3f}'):
     lines = [','.join(form.format(cell).replace('.', ',') for cell in row) for row in ROWS]
     path.write_text('\n'.join([*head.splitlines(), *lines]))
     return path
 
 
 @pytest.mark.parametrize('form', ['{:.3f}', '{:+.3f}', '{:.3e}'])
-def test_a_comma_for_both_separator_and_decimal_mark_is_told(tmp_path: Path, form: str) -> None:
+def test_a_comma_for_both_separator_and_decimal_mark_is_told(tmp_path, form):
     path = table(tmp_path / 'trial.csv', 'Time [s],Force [N],Trigger [V]', form)
     with pytest.raises(
         RecordingError,
@@ -44,7 +42,7 @@ def test_a_comma_for_both_separator_and_decimal_mark_is_told(tmp_path: Path, for
     ],
     ids=['zeros', 'zeros behind a header'],
 )
-def test_zeros_are_no_matlab_file(tmp_path: Path, begun: bool, match: str) -> None:
+def test_zeros_are_no_matlab_file(tmp_path, begun, match):
     """To step on through so many, which take no room, would last longer than a test may."""
     path = tmp_path / 'zeros.mat'
     if begun:
@@ -68,9 +66,7 @@ def test_zeros_are_no_matlab_file(tmp_path: Path, begun: bool, match: str) -> No
         (';', '1.058;0,500', '1.058'),
     ],
 )
-def test_marks_between_thousands_are_named(
-    tmp_path: Path, separator: str, row: str, cell: str
-) -> None:
+def test_marks_between_thousands_are_named(tmp_path, separator, row, cell):
     path = tmp_path / 'trial.csv'
     path.write_text(f'time [ms]{separator}force [N]\n{row}\n{row}\n', encoding='utf-8')
     with pytest.raises(RecordingError) as refused:
@@ -81,14 +77,14 @@ def test_marks_between_thousands_are_named(
     )
 
 
-def test_a_point_among_decimal_commas_is_refused(tmp_path: Path) -> None:
+def test_a_point_among_decimal_commas_is_refused(tmp_path):
     path = tmp_path / 'trial.csv'
     path.write_text('time;force\n0,5;1,5\n0,6;1.5\n', encoding='utf-8')
     with pytest.raises(RecordingError, match=r"got '1\.5' in row 2, where others have a decimal"):
         read_signals(path)
 
 
-def workbook(path: Path, *rows: list[Any]) -> Path:
+def workbook(path, *rows):
     book = openpyxl.Workbook()
     for row in rows:
         book.active.append(row)
@@ -96,7 +92,7 @@ def workbook(path: Path, *rows: list[Any]) -> Path:
     return path
 
 
-def test_a_row_of_units_below_the_titles_counts(tmp_path: Path) -> None:
+def test_a_row_of_units_below_the_titles_counts(tmp_path):
     """A force in mN would else be a thousand times as large."""
     rows = [[at, 1000.0 + at % 7, 5.0 if at % 50 == 10 else 0.0] for at in range(1000)]
     path = workbook(tmp_path / 'leg.xlsx', ['Time', 'Force', 'Trigger'], ['ms', 'mN', 'V'], *rows)
@@ -107,14 +103,14 @@ def test_a_row_of_units_below_the_titles_counts(tmp_path: Path) -> None:
     assert ('pulses', "'Trigger'") in found.facts
 
 
-def test_a_workbook_of_the_old_format_is_told_what_to_become(tmp_path: Path) -> None:
+def test_a_workbook_of_the_old_format_is_told_what_to_become(tmp_path):
     path = tmp_path / 'leg.xls'
     path.write_bytes(bytes.fromhex('d0cf11e0a1b11ae1') + bytes(504))
     with pytest.raises(RecordingError, match=r'old format \.xls; save it as \.xlsx'):
         import_file(path, ImportOptions())
 
 
-def repacked(path: Path, change: dict[str, bytes]) -> None:
+def repacked(path, change):
     """Write other content into parts of a workbook."""
     with zipfile.ZipFile(path) as archive:
         parts = {name: archive.read(name) for name in archive.namelist()}
@@ -125,18 +121,14 @@ def repacked(path: Path, change: dict[str, bytes]) -> None:
 
 @pytest.mark.parametrize('part', ['xl/worksheets/sheet1.xml', 'xl/workbook.xml', 'xl/styles.xml'])
 @pytest.mark.parametrize('content', [b'', b'<a', b'<a/>', b'\xff\xfe'])
-def test_a_workbook_with_a_damaged_part_is_refused(
-    tmp_path: Path, part: str, content: bytes
-) -> None:
+def test_a_workbook_with_a_damaged_part_is_refused(tmp_path, part, content):
     path = workbook(tmp_path / 'session.xlsx')
     repacked(path, {part: content})
     with pytest.raises(RecordingError, match=r'session\.xlsx'):
         read_signals(path)
 
 
-def test_small_files_that_unpack_into_much_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_small_files_that_unpack_into_much_are_refused(tmp_path, monkeypatch):
     """With a limit that a test can reach."""
     zeros = np.zeros(500_000)
     savemat(tmp_path / 'a.mat', {'force': zeros}, do_compression=True)

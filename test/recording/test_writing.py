@@ -1,18 +1,27 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Writing: what is refused, what a full device leaves, how raw messages come together."""
+"""Recordings written and read again: refusals, a full device, the order of reception."""
 
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings, strategies as st
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import ForceTrace, PulseTrain
-from rpms_ros.recording import FurtherTopic, RecordingWriter, read_facts, write_recording
-from rpms_ros.recording.rosbag.definitions import PULSE
+from rpms_ros.recording import (
+    FurtherTopic,
+    RecordingWriter,
+    Topics,
+    read_facts,
+    read_recording,
+    write_recording,
+)
+from rpms_ros.recording.rosbag.definitions import PULSE, WRENCH_STAMPED, known_types
 from rpms_ros.recording.rosbag.scan import Scan
 
 # A limit of the file size is met like the end of a device, at the same calls.
@@ -36,7 +45,7 @@ except RecordingError as error:
 
 
 @pytest.mark.long
-def test_full_device_is_told_and_what_fits_is_kept(tmp_path: Path) -> None:
+def test_full_device_is_told_and_what_fits_is_kept(tmp_path):
     path = tmp_path / 'bag'
     done = subprocess.run(
         [sys.executable, '-c', FULL_DEVICE, str(path)],
@@ -54,10 +63,10 @@ def test_full_device_is_told_and_what_fits_is_kept(tmp_path: Path) -> None:
     assert 8_000 < force.count < 26_000
 
 
-def test_a_failure_of_the_caller_still_closes_the_recording(tmp_path: Path) -> None:
+def test_a_failure_of_the_caller_still_closes_the_recording(tmp_path):
     path = tmp_path / 'bag'
 
-    def fail() -> None:
+    def fail():
         with RecordingWriter(path) as writer:
             writer.append(writer.add_topic('/pulses', PULSE), 1, b'x')
             raise KeyError('mine')
@@ -69,13 +78,13 @@ def test_a_failure_of_the_caller_still_closes_the_recording(tmp_path: Path) -> N
     assert facts.topics[0].count == 1
 
 
-def test_unknown_compression(tmp_path: Path) -> None:
+def test_unknown_compression(tmp_path):
     with pytest.raises(RecordingError, match="expected compression lz4 or zstd, got 'gz'"):
         RecordingWriter(tmp_path / 'bag', 'gz')
     assert not (tmp_path / 'bag').exists()
 
 
-def test_further_topics_are_merged_by_time(tmp_path: Path) -> None:
+def test_further_topics_are_merged_by_time(tmp_path):
     path = tmp_path / 'bag'
     text = FurtherTopic('/notes', 'std_msgs/msg/String', [5, 25], [b'one', b'two'])
     forces = ForceTrace(np.array([0, 10, 20, 30]), np.zeros(4))
@@ -88,3 +97,155 @@ def test_further_topics_are_merged_by_time(tmp_path: Path) -> None:
         if records.place is not None
     }
     assert places['/notes'] == [1, 4]
+
+
+COMPRESSIONS = ['', 'lz4', 'zstd']
+
+
+def assert_same(path, session, **options):
+    recording = read_recording(path, **options)
+    pulses, forces = session
+    for name in ('onset_ns', 'intensity', 'sequence', 'width'):
+        assert getattr(recording.pulses, name).tobytes() == getattr(pulses, name).tobytes()
+    assert recording.forces.stamp_ns.tobytes() == forces.stamp_ns.tobytes()
+    assert recording.forces.force.tobytes() == forces.force.tobytes()
+    assert recording.forces.frame_id == forces.frame_id
+
+
+@pytest.mark.parametrize('compression', COMPRESSIONS)
+def test_what_was_written_is_read(session, tmp_path, compression):
+    path = tmp_path / 'bag'
+    write_recording(path, *session, compression=compression)
+    assert_same(path, session)
+    recording = read_recording(path)
+    assert recording.facts.storage == 'mcap'
+    assert recording.facts.faults == {}
+    assert recording.force_received_ns.tolist() == session[1].stamp_ns.tolist()
+
+
+@pytest.mark.parametrize('compression', COMPRESSIONS)
+def test_rosbags_reads_what_was_written(session, tmp_path, compression):
+    path = tmp_path / 'bag'
+    write_recording(path, *session, compression=compression)
+    pulses, forces = session
+    with AnyReader([path]) as reader:
+        assert reader.message_count == len(pulses) + len(forces)
+        counts = {topic: (info.msgtype, info.msgcount) for topic, info in reader.topics.items()}
+        assert counts == {'/pulses': (PULSE, len(pulses)), '/force': (WRENCH_STAMPED, len(forces))}
+        messages = [
+            (time_ns, connection.topic, reader.deserialize(raw, connection.msgtype))
+            for connection, time_ns, raw in reader.messages()
+        ]
+    force = [message.wrench.force.z for _, topic, message in messages if topic == '/force']
+    assert force == forces.force.tolist()
+    # The first pulse comes before the sample of the same time.
+    assert [topic for _, topic, _ in messages[:2]] == ['/pulses', '/force']
+
+
+@pytest.mark.parametrize('storage', list(StoragePlugin))
+@pytest.mark.parametrize('compression', list(CompressionMode))
+def test_what_rosbags_wrote_is_read(write_with_rosbags, make, storage, compression):
+    if storage is StoragePlugin.SQLITE3 and compression is CompressionMode.STORAGE:
+        compression = CompressionMode.NONE
+    messages = [('/pulses', PULSE, 10, make.pulse(5, 3, 0.25))]
+    messages += [
+        ('/force', WRENCH_STAMPED, 10 + i, make.wrench_stamped(7 + i, 0.5 * i)) for i in range(50)
+    ]
+    recording = read_recording(write_with_rosbags(messages, storage, compression))
+    assert recording.pulses.onset_ns.tolist() == [5]
+    assert recording.pulses.sequence.tolist() == [3]
+    assert recording.pulse_received_ns.tolist() == [10]
+    assert recording.forces.force.tolist() == [0.5 * i for i in range(50)]
+    assert recording.forces.stamp_ns.tolist() == list(range(7, 57))
+    assert recording.facts.faults == {}
+
+
+def test_topics_below_a_namespace(write_with_rosbags, make):
+    messages = [
+        ('/left/pulses', PULSE, 1, make.pulse(1, 1)),
+        ('/left/pulses_commanded', PULSE, 1, make.pulse(1, 2)),
+        ('/left/force', WRENCH_STAMPED, 1, make.wrench_stamped(1, 4.0)),
+        ('/right/force', WRENCH_STAMPED, 1, make.wrench_stamped(1, 8.0)),
+    ]
+    path = write_with_rosbags(messages)
+    with pytest.raises(RecordingError, match=r'expected one topic force in .*, got /left/force, '):
+        read_recording(path)
+    recording = read_recording(path, Topics(force='/right/force'))
+    assert recording.pulses.sequence.tolist() == [1]
+    assert recording.forces.force.tolist() == [8.0]
+
+
+SECOND = 1_000_000_000
+Arrivals = list[tuple[bool, int]]
+"""Whether each message is a pulse, and the time at which it was received [ns]."""
+
+
+def written(path, arrivals, make):
+    """Return a recording of messages that are numbered in the order in which they came."""
+    with RecordingWriter(path) as writer:
+        topics = writer.add_topic('/force', WRENCH_STAMPED), writer.add_topic('/pulses', PULSE)
+        for number, (is_pulse, time_ns) in enumerate(arrivals):
+            kind = PULSE if is_pulse else WRENCH_STAMPED
+            message = (
+                make.pulse(number, number) if is_pulse else make.wrench_stamped(number, number)
+            )
+            raw = bytes(known_types().serialize_cdr(message, kind))
+            writer.append(topics[is_pulse], time_ns, raw)
+            if number % 5 == 4:
+                writer.flush()
+    return read_recording(path)
+
+
+def order_of(recording):
+    """Return the numbers of the messages as a replay would send them."""
+    pulses, forces = recording.pulses.onset_ns.tolist(), recording.forces.stamp_ns.tolist()
+    order: list[int] = []
+    for pulse, before in zip(pulses, recording.samples_before_pulse.tolist(), strict=True):
+        order += forces[len([n for n in order if n in forces]) : before]
+        order.append(pulse)
+    return order + [number for number in forces if number not in order]
+
+
+arrivals = st.lists(st.tuples(st.booleans(), st.integers(0, 2**50)), max_size=30).map(
+    lambda drawn: [(True, 5), (False, 4), *drawn, (False, 3)]
+)
+
+
+@settings(
+    suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=25, deadline=None
+)
+@given(drawn=arrivals)
+def test_the_order_written_is_the_order_read_where_the_clock_steps_back(
+    tmp_path_factory, make, drawn
+):
+    path = tmp_path_factory.mktemp('order') / 'bag'
+    recording = written(path, drawn, make)
+    # The last force sample was received before the first: the clock of one topic stepped back.
+    assert order_of(recording) == list(range(len(drawn)))
+    received = {True: recording.pulse_received_ns, False: recording.force_received_ns}
+    for is_pulse, times in received.items():
+        assert times.tolist() == [time_ns for kind, time_ns in drawn if kind is is_pulse]
+
+
+def test_arrays_with_a_clock_set_back_keep_their_order(tmp_path):
+    stamp_ns = 10 * SECOND + np.arange(4000, dtype=np.int64) * 1_000_000
+    stamp_ns[2000:] -= 3 * SECOND // 2
+    onset_ns = stamp_ns[::50].copy()
+    pulses = PulseTrain(
+        onset_ns, np.full(80, 0.5), np.arange(80, dtype=np.int64), np.full(80, 1e-4)
+    )
+    path = tmp_path / 'bag'
+    write_recording(path, pulses, ForceTrace(stamp_ns, np.arange(4000.0)))
+    recording = read_recording(path)
+    assert recording.forces.stamp_ns.tolist() == stamp_ns.tolist()
+    assert recording.pulses.onset_ns.tolist() == onset_ns.tolist()
+    assert recording.samples_before_pulse.tolist() == list(range(0, 4000, 50))
+
+
+def test_a_clock_set_back_in_one_topic_only(tmp_path):
+    stamp_ns = SECOND * np.array([1, 2, 3, 2, 3, 4], dtype=np.int64)
+    pulses = PulseTrain.regular([0.5], 1.0, 2 * SECOND)
+    write_recording(tmp_path / 'bag', pulses, ForceTrace(stamp_ns, np.arange(6.0)))
+    recording = read_recording(tmp_path / 'bag')
+    assert recording.forces.force.tolist() == [0, 1, 2, 3, 4, 5]
+    assert recording.samples_before_pulse.tolist() == [1]

@@ -2,16 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """What tests of reports share: made-up estimates, and a simulated session with a report on it."""
 
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
-from types import ModuleType
-from typing import Any
 
 import numpy as np
 import pytest
 
-from rpms_ros.identification import IdentifiedSession, ModifiedRecursiveLM
+from rpms_ros.identification import ModifiedRecursiveLM
 from rpms_ros.muscle import Contraction, simulation_subject
 from rpms_ros.pulses import ForceTrace, PulseTrain
 from rpms_ros.recording import read_recording, write_recording
@@ -19,19 +15,19 @@ from rpms_ros.report.course import course_of
 from rpms_ros.report.page import as_page
 from rpms_ros.report.recorded import recorded_messages
 from rpms_ros.report.result import IdentificationOptions, identified, result_of
-from rpms_ros.report.session import ReportSettings, SessionReport, headline_of, report_of
+from rpms_ros.report.session import headline_of, report_of
 from rpms_ros.schema import plain
 
 START_NS = 1_700_000_000_000_000_000
 
 
 @pytest.fixture(scope='session')
-def made_up(beside: Callable[[str], ModuleType]) -> ModuleType:
+def made_up(beside):
     """The module of made-up estimates: `estimate`, `session_of`."""
     return beside('made_up_estimates')
 
 
-def _make_recording(path: Path, low: float = 0.0, custom: dict[str, str] | None = None) -> Path:
+def _make_recording(path, low=0.0, custom=None):
     """Ten seconds of a simulated muscle with noise; at `low` = 1 at one intensity."""
     generator = np.random.default_rng(1)
     pulses = PulseTrain.regular(generator.uniform(low, 1.0, 200), 20.0, START_NS)
@@ -43,7 +39,7 @@ def _make_recording(path: Path, low: float = 0.0, custom: dict[str, str] | None 
     return path
 
 
-def _make_report(path: Path, settings: ReportSettings | None = None) -> SessionReport:
+def _make_report(path, settings=None):
     """The report on a recording."""
     recording = read_recording(path)
     session = identified(recording, IdentificationOptions('recursive', 'paper_table_4'))
@@ -53,7 +49,7 @@ def _make_report(path: Path, settings: ReportSettings | None = None) -> SessionR
     return report_of(path.name, recording, messages, session, result, build, settings)
 
 
-def _with_session(report: SessionReport, session: IdentifiedSession) -> SessionReport:
+def _with_session(report, session):
     """The report on other estimates."""
     result = result_of(report.recording, session)
     headline, course = headline_of(result, session), course_of(session)
@@ -61,44 +57,44 @@ def _with_session(report: SessionReport, session: IdentifiedSession) -> SessionR
 
 
 @pytest.fixture(scope='session')
-def make_recording() -> Callable[..., Path]:
+def make_recording():
     return _make_recording
 
 
 @pytest.fixture(scope='session')
-def make_report() -> Callable[..., SessionReport]:
+def make_report():
     return _make_report
 
 
 @pytest.fixture(scope='session')
-def with_session() -> Callable[[SessionReport, IdentifiedSession], SessionReport]:
+def with_session():
     return _with_session
 
 
 @pytest.fixture(scope='session')
-def recording_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recording_path(tmp_path_factory):
     notes = {'coil_type': 'round <90 mm> & "flat"', 'operator': '</script><b>'}
     return _make_recording(tmp_path_factory.mktemp('report') / 'leg & <arm>', custom=notes)
 
 
 @pytest.fixture(scope='session')
-def report(recording_path: Path) -> SessionReport:
+def report(recording_path):
     return _make_report(recording_path)
 
 
 @pytest.fixture(scope='session')
-def document(report: SessionReport) -> dict[str, Any]:
+def document(report):
     found = plain(report)
     assert isinstance(found, dict)
     return found
 
 
 @pytest.fixture(scope='session')
-def page(report: SessionReport) -> str:
+def page(report):
     return as_page(report)
 
 
 @pytest.fixture
-def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+def without_figures(monkeypatch):
     """Pages whose text alone is looked at: drawing takes most of their time."""
     monkeypatch.setattr('rpms_ros.report.page.as_svg', lambda *_: b'<svg/>')

@@ -2,10 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page in a real browser without a window: it shows, and asks nobody for anything."""
 
-from collections.abc import Callable
-from pathlib import Path
-from types import ModuleType
-
 import pytest
 
 from rpms_ros.report.figures import FIGURES
@@ -15,9 +11,7 @@ pytestmark = pytest.mark.long
 
 
 @pytest.mark.parametrize('dark', [False, True])
-def test_nobody_is_kept_from_reading_it(
-    beside: Callable[[str], ModuleType], tmp_path: Path, page: str, dark: bool
-) -> None:
+def test_nobody_is_kept_from_reading_it(beside, tmp_path, page, dark):
     """Contrast, names, alternatives, headings, landmarks, tables, as axe-core finds them."""
     path = tmp_path / 'report.html'
     path.write_text(page, encoding='utf-8')

@@ -1,25 +1,26 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Figure, table and agreement of a session, from a simulated one."""
+"""Figures of a session, and estimates compared bit by bit."""
 
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from matplotlib.image import imread
 
-from rpms_ros.identification import Estimate, IdentifiedSession, ModifiedRecursiveLM, identify
+import rpms_ros
+from rpms_ros.identification import ModifiedRecursiveLM, identify
 from rpms_ros.muscle import Contraction, simulation_subject
 from rpms_ros.pulses import ForceTrace, PulseTrain
-from rpms_ros.report.figures import draw_session
+from rpms_ros.report.figures import draw_response, draw_session
 from rpms_ros.report.known_muscle import of_subject
 from rpms_ros.report.recorded import compare, differences
 
 
 @cache
-def session(low: float = 0.0) -> tuple[IdentifiedSession, PulseTrain]:
+def session(low=0.0):
     """Eight seconds of the simulated identification; at `low` = 1 at one intensity."""
     intensity = np.random.default_rng(1).uniform(low, 1.0, 160)
     pulses = PulseTrain.regular(intensity, 20.0)
@@ -33,7 +34,7 @@ def session(low: float = 0.0) -> tuple[IdentifiedSession, PulseTrain]:
 @pytest.mark.long
 @pytest.mark.parametrize('low', [0.0, 1.0], ids=['curve', 'one intensity'])
 @pytest.mark.parametrize('known', [True, False])
-def test_a_figure_is_drawn(tmp_path: Path, low: float, known: bool) -> None:
+def test_a_figure_is_drawn(tmp_path, low, known):
     path = tmp_path / 'session.png'
     truth = of_subject(simulation_subject(), 20.0) if known else None
     draw_session([path], *session(low), truth, 'A title')
@@ -43,13 +44,13 @@ def test_a_figure_is_drawn(tmp_path: Path, low: float, known: bool) -> None:
     assert np.mean(np.any(picture < 0.9, axis=2)) > 0.02
 
 
-def nudged(estimate: Estimate) -> Estimate:
+def nudged(estimate):
     linear = estimate.linear.copy()
     linear[0] = np.nextafter(linear[0], 1e9)
     return replace(estimate, linear=linear)
 
 
-def test_one_bit_is_a_difference() -> None:
+def test_one_bit_is_a_difference():
     estimates = session()[0].estimates
     assert compare(estimates[:-2], estimates).exact
     spoiled = [*estimates[:3], nudged(estimates[3]), replace(estimates[4], damping=1.0)]
@@ -61,3 +62,17 @@ def test_one_bit_is_a_difference() -> None:
     alone = compare([replace(estimates[0], stamp_ns=7)], estimates)
     assert (alone.compared, alone.missing, alone.exact) == (0, 1, False)
     assert not compare([], estimates).exact
+
+
+def test_the_figure_marks_it():
+    # the functions of batch swing before the latency of 9.45 ms of the simulated muscle
+    result = rpms_ros.simulate(duration=15.0, noise=0.02).identify()
+    axes = Figure().subplots()
+    force = result.response.force.copy()
+    force[:2] = 0.15, -0.04
+    draw_response(axes, result.estimates, force)
+    lines = {line.get_label(): line for line in axes.get_lines()}
+    solid = lines['identified']
+    dotted = lines['before the muscle answers: not determined']
+    assert min(np.asarray(solid.get_xdata())) == max(np.asarray(dotted.get_xdata())) > 0.0
+    assert dotted.get_linestyle() == ':'

@@ -1,17 +1,14 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What a report tells: held-out fit, dose, first screen."""
+"""What a report tells: residuals, held-out fit, dose, first screen."""
 
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from rpms_ros.errors import ReportError
-from rpms_ros.identification import IdentifiedSession, identify
+from rpms_ros.identification import identify
 from rpms_ros.identification.catalogue import ESTIMATORS, estimator_by_name
 from rpms_ros.identification.quality.verdict import Verdict
 from rpms_ros.pulses import ForceTrace, PulseTrain
@@ -19,21 +16,25 @@ from rpms_ros.recording import read_recording, write_recording
 from rpms_ros.report.dose import dose_of
 from rpms_ros.report.figures import draw
 from rpms_ros.report.page import as_page
-from rpms_ros.report.residuals import FrozenFrom, boundary
+from rpms_ros.report.residuals import (
+    FrozenFrom,
+    analyse_residuals,
+    boundary,
+    ljung_box,
+    stimulation_at,
+)
 from rpms_ros.report.session import (
-    SessionReport,
     headline_of,
 )
 from rpms_ros.schema import plain
 
-WithSession = Callable[[SessionReport, IdentifiedSession], SessionReport]
 START_NS = 1_700_000_000_000_000_000
 SECOND = 1_000_000_000
 
 
 @pytest.mark.long
 @pytest.mark.parametrize('name', ESTIMATORS)
-def test_what_is_held_out_does_not_change_what_was_learnt(recording_path: Path, name: str) -> None:
+def test_what_is_held_out_does_not_change_what_was_learnt(recording_path, name):
     recording = read_recording(recording_path)
     first_ns = boundary(recording.forces.stamp_ns, 0.2)
     frozen = FrozenFrom(estimator_by_name(name), first_ns)
@@ -53,21 +54,20 @@ def test_what_is_held_out_does_not_change_what_was_learnt(recording_path: Path, 
     assert session.last.samples == alone.last.samples
 
 
-def test_the_held_out_fit_is_that_of_the_simulated_noise(report: SessionReport) -> None:
+def test_the_held_out_fit_is_that_of_the_simulated_noise(report):
     fit = report.held_out
-    assert fit is not None
     assert (fit.learnt_s, fit.held_out_s) == pytest.approx((8.0, 2.0), abs=2e-3)
     # after 8 s the curve is known to some per cent: Table 4's set-up with 0.4 % noise
     assert 0.002 < np.linalg.norm(fit.force - fit.prediction) / np.linalg.norm(fit.force) < 0.06
 
 
 @pytest.mark.parametrize('share', [0.0, 1.0, -1.0, float('nan')])
-def test_a_share_that_leaves_nothing_is_refused(share: float) -> None:
+def test_a_share_that_leaves_nothing_is_refused(share):
     with pytest.raises(ReportError, match='share between 0 and 1, got'):
         boundary(np.array([0, SECOND]), share)
 
 
-def test_trains_rates_and_energy_are_those_of_the_pulses() -> None:
+def test_trains_rates_and_energy_are_those_of_the_pulses():
     train = PulseTrain.joined(
         [
             PulseTrain.regular([0.5, 1.0, 1.0], 10.0, START_NS + 4 * SECOND),
@@ -83,11 +83,7 @@ def test_trains_rates_and_energy_are_those_of_the_pulses() -> None:
     assert found.full_intensity_pulses == pytest.approx(3.5)
 
 
-def test_a_dead_force_still_gives_a_report(
-    tmp_path: Path,
-    make_recording: Callable[..., Path],
-    make_report: Callable[..., SessionReport],
-) -> None:
+def test_a_dead_force_still_gives_a_report(tmp_path, make_recording, make_report):
     recording = read_recording(make_recording(tmp_path / 'alive'))
     dead = replace(recording.forces, force=np.zeros(len(recording.forces)))
     write_recording(tmp_path / 'dead', recording.pulses, dead)
@@ -99,10 +95,10 @@ def test_a_dead_force_still_gives_a_report(
 
 
 @pytest.fixture
-def with_last(report: SessionReport, with_session: WithSession) -> Callable[..., SessionReport]:
+def with_last(report, with_session):
     """Change fields of the last estimate of the report."""
 
-    def changed(**fields: Any) -> SessionReport:
+    def changed(**fields):
         *before, last = report.identified.estimates
         last = replace(last, **fields)
         return with_session(report, replace(report.identified, estimates=[*before, last]))
@@ -110,9 +106,7 @@ def with_last(report: SessionReport, with_session: WithSession) -> Callable[...,
     return changed
 
 
-def test_the_first_section_is_the_verdict_with_its_reasons(
-    report: SessionReport, page: str
-) -> None:
+def test_the_first_section_is_the_verdict_with_its_reasons(report, page):
     verdict = report.result.verdict
     place = page.index(f'<strong>{verdict.grade}</strong>')
     assert place < page.index('<h2 id="recruitment-title">')
@@ -121,7 +115,7 @@ def test_the_first_section_is_the_verdict_with_its_reasons(
         assert page.index(text) < page.index('<h2 id="recruitment-title">')
 
 
-def test_the_methods_can_be_copied_and_done_again(document: dict[str, Any], page: str) -> None:
+def test_the_methods_can_be_copied_and_done_again(document, page):
     sentence = document['methods']['sentence']
     assert 'estimator recursive' in sentence
     assert '200 pulses and 10000 samples' in sentence
@@ -130,9 +124,7 @@ def test_the_methods_can_be_copied_and_done_again(document: dict[str, Any], page
 
 
 @pytest.mark.usefixtures('without_figures')
-def test_rates_are_told_with_their_intervals(
-    report: SessionReport, with_last: Callable[..., SessionReport]
-) -> None:
+def test_rates_are_told_with_their_intervals(report, with_last):
     assert report.result.rates is None
     bands = {'rate_lower': np.array([-32.0, -1.0]), 'rate_upper': np.array([-28.0, 1.0])}
     names = ('force_percent', 'time_constant_percent')
@@ -141,9 +133,7 @@ def test_rates_are_told_with_their_intervals(
     assert 'T_a of the twitch, % a minute</th><td>+0.25</td><td>-1 to +1</td>' in page
 
 
-def test_sudden_changes_are_told_once_and_marked(
-    report: SessionReport, with_session: WithSession
-) -> None:
+def test_sudden_changes_are_told_once_and_marked(report, with_session):
     kinds = {'changes': 1, 'change_kinds': ('thresholds',)}
     estimates = [
         replace(one, **kinds, change_ago=np.array([0.1 * index]))
@@ -162,12 +152,9 @@ def test_sudden_changes_are_told_once_and_marked(
     assert change.reason in as_page(marked)
 
 
-def test_effort_is_told_where_it_is_sure(
-    report: SessionReport, with_last: Callable[..., SessionReport]
-) -> None:
+def test_effort_is_told_where_it_is_sure(report, with_last):
     assert report.headline.effort is None
     pushed = with_last(disturbance=2.5, disturbance_deviation=0.1).headline.effort
-    assert pushed is not None
     assert pushed.startswith('Up to 2.5 N came from something else than the stimulation')
     assert with_last(disturbance=2.5, disturbance_deviation=2.0).headline.effort is None
 
@@ -180,13 +167,13 @@ def test_effort_is_told_where_it_is_sure(
         ('something that has no advice', 'record again'),
     ],
 )
-def test_what_to_do_follows_from_the_reason(report: SessionReport, reason: str, step: str) -> None:
+def test_what_to_do_follows_from_the_reason(report, reason, step):
     doubted = replace(report.result, verdict=Verdict(grade='no', reasons=(reason,)))
     assert step in ' '.join(headline_of(doubted, report.identified).next_steps)
 
 
 @pytest.mark.usefixtures('without_figures')
-def test_the_first_screen_has_no_numbers_that_must_not_be_used(report: SessionReport) -> None:
+def test_the_first_screen_has_no_numbers_that_must_not_be_used(report):
     verdict = Verdict(grade='no', reasons=('the force comes out negative',))
     result = replace(report.result, verdict=verdict)
     page = as_page(replace(report, result=result))
@@ -197,10 +184,78 @@ def test_the_first_screen_has_no_numbers_that_must_not_be_used(report: SessionRe
         assert absent not in first
 
 
-def test_errors_are_newtons_and_shares_of_the_range(report: SessionReport, page: str) -> None:
+def test_errors_are_newtons_and_shares_of_the_range(report, page):
     fit = report.held_out
-    assert fit is not None
     assert fit.error_n == pytest.approx(np.sqrt(np.mean((fit.force - fit.prediction) ** 2)))
     assert 0.0 < fit.error_of_range < 0.1
     for text in ('explained variance', '|y - mean|'):
         assert text not in page
+
+
+SAMPLES = 6000
+STAMPS = np.arange(SAMPLES, dtype=np.int64) * 1_000_000
+PULSES = PulseTrain.regular(np.random.default_rng(3).uniform(0.0, 1.0, 120), 20.0)
+
+
+def noise(seed):
+    return np.random.default_rng(seed).standard_normal(SAMPLES)
+
+
+def test_white_residuals_look_white_as_often_as_the_band_says():
+    found = [analyse_residuals(STAMPS, noise(seed), PULSES) for seed in range(40)]
+    # 5 % of 400 lags in 40 runs: its standard deviation is 0.2 %, the tolerance is five of them
+    outside = np.mean([one.autocorrelation_outside for one in found])
+    assert outside == pytest.approx(0.05, abs=0.01)
+    outside = np.mean([one.cross_correlation_outside for one in found])
+    assert outside == pytest.approx(0.05, abs=0.01)
+    # p is uniform: fewer than 12 of 40 below 0.1 but for one case in ten thousand
+    assert sum(one.ljung_box_p < 0.1 for one in found) < 12
+
+
+def test_a_coloured_residual_is_found():
+    coloured = np.convolve(noise(1), [1.0, 0.5], mode='same')
+    found = analyse_residuals(STAMPS, coloured, PULSES)
+    assert found.ljung_box_p < 1e-12
+    # r(1) of that filter is 0.5 / 1.25; its deviation over 6000 samples is 0.01
+    assert found.autocorrelation[1] == pytest.approx(0.4, abs=0.05)
+
+
+def test_muscle_that_the_model_lacks_shows_after_its_delay():
+    echo = np.zeros(SAMPLES)
+    index = np.searchsorted(STAMPS, PULSES.onset_ns) + 40
+    inside = index < SAMPLES
+    echo[index[inside]] = PULSES.intensity[inside] - 0.5
+    found = analyse_residuals(STAMPS, 0.02 * noise(4) + echo, PULSES)
+    peak = int(np.argmax(found.cross_correlation))
+    assert found.cross_lag_s[peak] == pytest.approx(0.04)
+    assert found.cross_correlation[peak] > 3 * found.cross_correlation_band
+
+
+def test_ljung_box_is_the_published_sum():
+    # Q = 100 * 102 * (0.04 / 99 + 0.01 / 98); for two degrees of freedom p = exp(-Q / 2)
+    statistic, p_value = ljung_box(np.array([0.2, 0.1]), 100)
+    assert statistic == pytest.approx(100 * 102 * (0.04 / 99 + 0.01 / 98))
+    assert p_value == pytest.approx(np.exp(-statistic / 2))
+
+
+def test_a_pulse_counts_for_the_first_sample_that_it_can_act_on():
+    train = PulseTrain(
+        np.array([-1, 0, 1, 2_000_000, 9_000_000_000]),
+        np.array([0.1, 0.2, 0.3, np.nan, 0.5]),
+        np.arange(5),
+        np.full(5, 1e-4),
+    )
+    assert stimulation_at(STAMPS, train)[:4].tolist() == [0.2, 0.3, 0.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ('stamps', 'residual', 'expected'),
+    [
+        (STAMPS[:49], noise(0)[:49], 'at least 50 residuals, got 49'),
+        (STAMPS, np.zeros(SAMPLES), 'residuals that differ, got 0.0 only'),
+        (STAMPS[::-1], noise(0), 'ascending stamps, got a clock that jumped'),
+    ],
+)
+def test_residuals_that_tell_nothing_are_refused(stamps, residual, expected):
+    with pytest.raises(ReportError, match=expected):
+        analyse_residuals(stamps, residual, PULSES)

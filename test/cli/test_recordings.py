@@ -1,12 +1,10 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""rpms verify: one line a finding, and the exit code."""
+"""rpms info and rpms verify: facts, one line a finding, and the exit code."""
 
 import json
 import re
 import shutil
-from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 
@@ -15,18 +13,39 @@ from rpms_ros.pulses import ForceTrace, PulseTrain
 from rpms_ros.recording import read_recording, session_hash, write_recording
 from rpms_ros.recording.rosbag.verifying import LOST_KEY, PUBLISHERS_KEY
 
-Rpms = Callable[..., tuple[int, str, str]]
+
+def test_text(rpms, short_session):
+    code, out, err = rpms('info', short_session)
+    assert (code, err) == (0, '')
+    lines = out.splitlines()
+    assert lines[0] == f'{short_session}  (mcap)'
+    assert lines[2].split() == [
+        '/force', 'geometry_msgs/msg/WrenchStamped', '10000', '9.999', 's', '1000.0', 'Hz',
+    ]  # fmt: skip
+    assert lines[3].split() == [
+        '/pulses',
+        'rpms_msgs/msg/Pulse',
+        '200',
+        '9.950',
+        's',
+        '20.0',
+        'Hz',
+    ]
+    assert '  schedule: uniform_random' in lines
+    assert max(map(len, lines)) <= 100
+
+
 MILLISECOND = 1_000_000
 CHECKS = ['structure', 'checksums', 'publishers', 'lost', 'schedule', 'hash']
 
 
-def session() -> tuple[PulseTrain, ForceTrace]:
+def session():
     stamp_ns = 10**18 + np.arange(1000, dtype=np.int64) * MILLISECOND
     pulses = PulseTrain.regular(np.full(20, 0.5), 20.0, 10**18)
     return pulses, ForceTrace(stamp_ns, np.ones(1000))
 
 
-def lines_of(out: str) -> dict[str, str]:
+def lines_of(out):
     """Return what was found by check; several findings of one check are joined."""
     found: dict[str, str] = {}
     for line in out.splitlines():
@@ -35,7 +54,7 @@ def lines_of(out: str) -> dict[str, str]:
     return found
 
 
-def test_a_good_recording(rpms: Rpms, short_session: Path) -> None:
+def test_a_good_recording(rpms, short_session):
     code, out, err = rpms('verify', short_session)
     assert (code, err) == (0, '')
     assert [line.split()[0] for line in out.splitlines()] == CHECKS
@@ -48,7 +67,7 @@ def test_a_good_recording(rpms: Rpms, short_session: Path) -> None:
     assert [finding['check'] for finding in findings] == CHECKS
 
 
-def test_what_is_not_what_was_written_is_a_fault(rpms: Rpms, tmp_path: Path) -> None:
+def test_what_is_not_what_was_written_is_a_fault(rpms, tmp_path):
     write_recording(tmp_path / 'bag', *session())
     sums = tmp_path / 'bag' / 'SHA256SUMS'
     sums.write_text(sums.read_text().replace('a', 'b'))
@@ -57,7 +76,7 @@ def test_what_is_not_what_was_written_is_a_fault(rpms: Rpms, tmp_path: Path) -> 
     assert lines_of(out)['checksums'].startswith('FAULT')
 
 
-def test_what_the_recorder_noted_is_named(rpms: Rpms, tmp_path: Path) -> None:
+def test_what_the_recorder_noted_is_named(rpms, tmp_path):
     custom = {
         PUBLISHERS_KEY: json.dumps({'/force': 2, '/pulses': 1}),
         LOST_KEY: json.dumps({'/force': 3}),
@@ -70,7 +89,7 @@ def test_what_the_recorder_noted_is_named(rpms: Rpms, tmp_path: Path) -> None:
     assert 'FAULT    3 messages of /force were lost' in found['lost']
 
 
-def test_pulses_on_another_clock_are_a_fault(rpms: Rpms, tmp_path: Path) -> None:
+def test_pulses_on_another_clock_are_a_fault(rpms, tmp_path):
     pulses, forces = session()
     late = PulseTrain.regular(pulses.intensity, 20.0, 10**18 + 3_600_000 * MILLISECOND)
     write_recording(tmp_path / 'bag', late, forces)
@@ -81,9 +100,7 @@ def test_pulses_on_another_clock_are_a_fault(rpms: Rpms, tmp_path: Path) -> None
     assert load(tmp_path / 'bag').info()['remarks'] == [text]
 
 
-def test_a_recording_without_checksums_is_told_by_identify_too(
-    rpms: Rpms, short_session: Path, tmp_path: Path
-) -> None:
+def test_a_recording_without_checksums_is_told_by_identify_too(rpms, short_session, tmp_path):
     path = tmp_path / 'bag'
     shutil.copytree(short_session, path)
     text = 'the recording has no checksums: a change of its numbers would not be noticed'
@@ -96,7 +113,7 @@ def test_a_recording_without_checksums_is_told_by_identify_too(
     assert 'unknown  there is no SHA256SUMS' in rpms('verify', path)[1]
 
 
-def test_what_cannot_be_read(rpms: Rpms, tmp_path: Path) -> None:
+def test_what_cannot_be_read(rpms, tmp_path):
     code, out, err = rpms('verify', tmp_path)
     assert (code, out) == (2, '')
     assert err.startswith('rpms: error: expected .mcap or .db3 files at ')
@@ -113,7 +130,7 @@ def test_what_cannot_be_read(rpms: Rpms, tmp_path: Path) -> None:
     assert 'read within 1e-09 GB (--max-memory allows more), got a chunk of' in err
 
 
-def test_a_damaged_chunk_is_told_by_every_command(rpms: Rpms, tmp_path: Path) -> None:
+def test_a_damaged_chunk_is_told_by_every_command(rpms, tmp_path):
     path = tmp_path / 'session'
     rpms('simulate', '--out', path, '--duration', 30, '--quiet')
     (storage,) = path.glob('*.mcap')
