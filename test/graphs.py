@@ -33,6 +33,7 @@ class Graph:
         self.context = context
         self._executor = executor
         self._nodes: list[Node] = []
+        self._listener: Node | None = None
 
     def add(self, build: Callable[..., Any], **parameters: object) -> Any:
         """Build a node in the private context with these parameters and add it.
@@ -53,6 +54,19 @@ class Graph:
         self._nodes.append(node)
         self._executor.add_node(node)
         return node
+
+    def node(self, name: str, **options: Any) -> Any:
+        """Add a node that does nothing by itself."""
+        from rclpy.node import Node
+
+        return self.add(lambda **private: Node(name, **options, **private))
+
+    def heard(self, kind: type, topic: str, profile: Any = 100) -> list[Any]:
+        """Return the messages of a topic, as they come from now on."""
+        found: list[Any] = []
+        self._listener = self._listener or self.node('listener')
+        self._listener.create_subscription(kind, topic, found.append, profile)
+        return found
 
     def wait_for(self, predicate: Callable[[], bool], timeout: float = 60.0) -> None:
         """Step the executor until `predicate` holds; fail the test after `timeout` seconds."""

@@ -473,11 +473,10 @@ class Guard:
         """Whether the instrument has said that it is disarmed."""
         for at in range(len(self._heard) - rapid2.STATUS_LENGTH + 1):
             answer = self._heard[at : at + rapid2.STATUS_LENGTH]
-            held = answer[1] & (rapid2.REMOTE | rapid2.ARMED | rapid2.READY)
             if (
                 answer[:1] == b'E'
                 and rapid2.framed(answer[:-1]) == answer
-                and held == rapid2.REMOTE
+                and answer[1] & _HELD == rapid2.REMOTE
             ):
                 return True
         return False

@@ -56,15 +56,12 @@ class ForceBins:
         Newest bin that is complete, one less than `origin` if there is none.
     not_finite, stray : int
         Samples that were left out: NaN or infinite, or stamped far from the others.
-    last : float
-        Newest force [N]; NaN before the first.
     """
 
     def __init__(self) -> None:
         self.epoch = 0
         self.not_finite = 0
         self.stray = 0
-        self.last = math.nan
         self.origin = 0
         self.newest = -1
         self._open = -1
@@ -91,7 +88,6 @@ class ForceBins:
         elif place > self._open:
             self._close(place)
             self._begin(place, force)
-        self.last = force
 
     def model(self, first: int, forces: FloatArray) -> None:
         """Put the modelled force [N] of bins from `first` on beside the measured."""

@@ -350,11 +350,6 @@ class LiveSession:
         self.stop(False, '')
 
     @property
-    def stop_pressed(self) -> bool:
-        """Whether the stop of the page is pressed."""
-        return bool(self._stop['pressed'])
-
-    @property
     def stopped(self) -> bool:
         """Whether the newest state of the driver is that a stop is latched."""
         return self.state == STOPPED

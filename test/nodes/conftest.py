@@ -15,7 +15,6 @@ from geometry_msgs.msg import WrenchStamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.action import ActionClient
-from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from rpms_msgs.action import RunSchedule
@@ -52,7 +51,7 @@ def patient_supervision(any_lateness, monkeypatch):
         return replace(
             driver_settings_of(settings),
             executor_timeout_s=5.0,
-            response_limit_s=0.5,
+            response_limit_s=5.0,
             stuck_limit_s=5.0,
             supervisor_timeout_s=5.0,
             lateness_limit_s=5.0,
@@ -169,14 +168,12 @@ class DriverBench:
         }
         self.driver = graph.add(StimulatorDriver, **{**patient, **parameters})
         self.controller = self.driver.controller
-        self.other = graph.add(lambda **options: Node('other', **options))
-        self.pulses, self.commanded, self.statuses = [], [], []
-        self.diagnostics, self.feedback = [], []
-        listen = self.other.create_subscription
-        listen(Pulse, topics.PULSES, self.pulses.append, qos.PULSES)
-        listen(Pulse, topics.PULSES_COMMANDED, self.commanded.append, qos.PULSES)
-        listen(DriverStatus, topics.DRIVER_STATUS, self.statuses.append, qos.STATUS)
-        listen(DiagnosticArray, topics.DIAGNOSTICS, self.diagnostics.append, qos.STOP)
+        self.other = graph.node('other')
+        self.feedback = []
+        self.pulses = graph.heard(Pulse, topics.PULSES, qos.PULSES)
+        self.commanded = graph.heard(Pulse, topics.PULSES_COMMANDED, qos.PULSES)
+        self.statuses = graph.heard(DriverStatus, topics.DRIVER_STATUS, qos.STATUS)
+        self.diagnostics = graph.heard(DiagnosticArray, topics.DIAGNOSTICS)
         self.sensor = self.other.create_publisher(WrenchStamped, topics.FORCE, qos.FORCE)
         self.client = ActionClient(self.other, RunSchedule, topics.RUN_SCHEDULE)
         client = self.other.create_client

@@ -71,7 +71,7 @@ def test_a_press_that_is_released_before_the_driver_looks_stops(new_ward, graph)
 
 
 def test_one_that_was_pressed_before_the_driver_was_there_is_seen(new_ward, graph):
-    early = graph.add(lambda **options: Node('early', **options))
+    early = graph.node('early')
     early.create_publisher(Bool, topics.EMERGENCY_STOP, qos.STOP_STATE).publish(Bool(data=True))
     ward = new_ward(require_stop_button=False)
     assert ward.stopped().startswith('emergency stop is pressed (/early)')
@@ -297,7 +297,7 @@ def test_a_message_comes_with_the_publisher_that_the_graph_shows(graph, wait_for
 
 
 def test_another_rcl_is_refused(graph, monkeypatch):
-    node = graph.add(lambda **options: Node('silent', **options))
+    node = graph.node('silent')
     subscription = node.create_subscription(Bool, 'said', lambda _: None, qos.STOP_LIVE)
 
     def missing(name):

@@ -15,7 +15,6 @@ from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import WrenchStamped
 from lifecycle_msgs.msg import Transition
 from rclpy.action import ActionClient
-from rclpy.node import Node
 
 from rpms_msgs.action import RunSchedule
 from rpms_msgs.msg import (
@@ -60,15 +59,6 @@ def running(driver_bench, tmp_path):
     bench.audit = tmp_path / 'audit.jsonl'
     bench.ends = lambda: bench.result(bench.send(WARM_UP, operator_id='ada')).result
     return bench
-
-
-def heard_by(graph, name):
-    node = graph.add(lambda **options: Node(name, **options))
-    heard = []
-    node.create_subscription(
-        AcceptedSchedule, topics.ACCEPTED_SCHEDULE, heard.append, qos.ACCEPTED_SCHEDULE
-    )
-    return heard
 
 
 def recorded(path):
@@ -229,9 +219,7 @@ def test_autostart_waits_for_its_listeners(graph, schedule_file):
     )
     graph.wait_for(lambda: driver.count_publishers(topics.PULSES) == 1)
     assert driver.controller.state.name == 'UNCONFIGURED'
-    heard = []
-    other = graph.add(lambda **options: Node('other', **options))
-    other.create_subscription(Pulse, topics.PULSES, heard.append, qos.PULSES)
+    heard = graph.heard(Pulse, topics.PULSES, qos.PULSES)
     graph.wait_for(lambda: len(heard) == 10)
     graph.wait_for(lambda: driver.controller.reason == 'completed')
 
@@ -240,11 +228,7 @@ def test_an_automatic_start_that_is_refused_is_announced_nowhere(
     driver_bench, graph, schedule_file, tmp_path
 ):
     log = tmp_path / 'audit'
-    heard = []
-    other = graph.add(lambda **options: Node('other', **options))
-    other.create_subscription(
-        AcceptedSchedule, topics.ACCEPTED_SCHEDULE, heard.append, qos.ACCEPTED_SCHEDULE
-    )
+    heard = graph.heard(AcceptedSchedule, topics.ACCEPTED_SCHEDULE, qos.ACCEPTED_SCHEDULE)
     lab = driver_bench(
         autostart=True, schedule_file=schedule_file(constant(0.5, 0.2, 90.0)), audit_log=str(log)
     )
@@ -258,14 +242,15 @@ def test_an_automatic_start_that_is_refused_is_announced_nowhere(
 
 def test_a_schedule_is_told_before_its_first_pulse_and_recorded(graph, running, tmp_path):
     recorder = graph.add(Recorder, path=str(tmp_path / 'session'))
-    driver, early = running.driver, heard_by(graph, 'early')
+    driver = running.driver
+    early = graph.heard(AcceptedSchedule, topics.ACCEPTED_SCHEDULE, qos.ACCEPTED_SCHEDULE)
     graph.wait_for(lambda: driver.count_subscribers(topics.ACCEPTED_SCHEDULE) == 2)
     graph.wait_for(lambda: driver.count_subscribers(topics.PULSES) == 2)
     running.activate()
     assert running.ends().completed
     graph.wait_for(lambda: recorder.counts[topics.PULSES] == 10)
     graph.wait_for(lambda: recorder.counts[topics.ACCEPTED_SCHEDULE] == 1)
-    late = heard_by(graph, 'late')
+    late = graph.heard(AcceptedSchedule, topics.ACCEPTED_SCHEDULE, qos.ACCEPTED_SCHEDULE)
     graph.wait_for(lambda: len(late) == 1)
     (told,) = early
     assert late == early
@@ -289,7 +274,7 @@ def test_the_audit_log_vouches_for_the_pulses_of_a_recording(graph, running, tmp
     path = tmp_path / 'session'
     recorder = graph.add(Recorder, path=str(path))
     graph.wait_for(lambda: running.driver.count_subscribers(topics.PULSES) == 2)
-    sensor = graph.add(lambda **options: Node('sensor', **options))
+    sensor = graph.node('sensor')
     force = sensor.create_publisher(WrenchStamped, topics.FORCE, qos.FORCE)
     graph.wait_for(lambda: force.get_subscription_count() >= 1)
     for index in range(3):
@@ -327,7 +312,7 @@ def test_every_hostile_goal_is_answered_with_a_reason(graph):
     driver = graph.add(
         StimulatorDriver, require_operator=False, require_stop_button=False, lateness_limit=0.1
     )
-    other = graph.add(lambda **options: Node('other', **options))
+    other = graph.node('other')
     client = ActionClient(other, RunSchedule, topics.RUN_SCHEDULE)
     graph.wait_for(client.server_is_ready)
     random = Random(3)

@@ -3,7 +3,6 @@
 """What a driver is started with, and the whole of it on a serial line: node, guard, instrument."""
 
 import time
-from dataclasses import replace
 
 import pytest
 from lifecycle_msgs.msg import Transition
@@ -27,7 +26,19 @@ TRAIN = constant(0.1, 20.0, 10.0)
 
 
 @pytest.fixture
-def theatre(driver_bench, instrument, patient_file, specification_file, tmp_path, monkeypatch):
+def real(patient_file, specification_file, tmp_path):
+    """What a real device needs, as parameters of its driver."""
+    return {
+        'device': 'serial',
+        'device_specification': str(specification_file),
+        'patient_file': str(patient_file),
+        'ledger_folder': str(tmp_path / 'ledgers'),
+        'audit_log': str(tmp_path / 'audit.jsonl'),
+    }
+
+
+@pytest.fixture
+def theatre(driver_bench, instrument, real, monkeypatch):
     """An instrument, its driver with everything that a real device needs, and an operator."""
     fake = instrument(watchdog_s=20.0)
 
@@ -38,27 +49,13 @@ def theatre(driver_bench, instrument, patient_file, specification_file, tmp_path
             options.port, options.maximum_intensity, timeout_s=5.0, beat_limit_s=20.0
         )
 
-    def settings_of(given):
-        return replace(
-            driver_settings_of(given),
-            executor_timeout_s=5.0,
-            response_limit_s=5.0,
-            stuck_limit_s=5.0,
-            supervisor_timeout_s=5.0,
-        )
-
     monkeypatch.setattr('rpms_ros.stimulation.devices.serial_line.build', build)
-    monkeypatch.setattr('rpms_ros.nodes.stimulator_driver.driver_settings_of', settings_of)
     bench = driver_bench(
         button=True,
         operator='ada',
         require_stop_button=True,
-        device='serial',
         port=fake.port,
-        device_specification=str(specification_file),
-        patient_file=str(patient_file),
-        ledger_folder=str(tmp_path / 'ledger'),
-        audit_log=str(tmp_path / 'audit.jsonl'),
+        **real,
     )
     assert bench.change(Transition.TRANSITION_CONFIGURE)
     return fake, bench
@@ -142,20 +139,9 @@ def test_nothing_is_possible_after_a_shutdown(driver_bench):
         lab.driver.change(Transition.TRANSITION_CONFIGURE)
 
 
-def test_device_that_is_not_there_is_refused(
-    driver_bench, graph, tmp_path, patient_file, specification_file
-):
-    port = str(tmp_path / 'ttyUSB9')
-    lab = driver_bench(
-        device='serial',
-        port=port,
-        device_specification=str(specification_file),
-        require_operator=True,
-        require_stop_button=True,
-        audit_log=str(tmp_path / 'audit.jsonl'),
-        ledger_folder=str(tmp_path / 'ledger'),
-        patient_file=str(patient_file),
-    )
+def test_device_that_is_not_there_is_refused(driver_bench, graph, real):
+    both = {'require_operator': True, 'require_stop_button': True}
+    lab = driver_bench(port='/dev/ttyUSB99', **both, **real)
     assert not lab.change(Transition.TRANSITION_CONFIGURE)
     graph.wait_for(lambda: 'expected a serial port, got' in lab.reason)
     assert lab.statuses[-1].state == DriverStatus.UNCONFIGURED
@@ -163,33 +149,18 @@ def test_device_that_is_not_there_is_refused(
 
 @pytest.mark.parametrize(('parameter', 'percent'), [(1.0, 55), (0.305, 30)])
 def test_the_guard_holds_the_tightest_bound_of_device_patient_and_parameter(
-    parameter, percent, patient_file, tmp_path
+    parameter, percent, real
 ):
-    settings = DriverParameters(
-        device='serial',
-        port='/dev/null',
-        device_specification='rapid2-240v',
-        maximum_intensity=parameter,
-        patient_file=str(patient_file),
-        ledger_folder=str(tmp_path),
-        audit_log=str(tmp_path / 'audit.jsonl'),
-    )
+    settings = DriverParameters(**real, port='/dev/null', maximum_intensity=parameter)
     device = build_device(settings, session_of(settings).specification)
     assert device._line.limits.maximum_percent == percent
 
 
 def test_the_ledger_of_a_device_is_known_by_its_serial_number_whatever_its_port_is_called(
-    patient_file, specification_file, tmp_path
+    real,
 ):
-    def opened(port, specification=str(specification_file)):
-        settings = DriverParameters(
-            device='serial',
-            port=port,
-            device_specification=specification,
-            patient_file=str(patient_file),
-            ledger_folder=str(tmp_path / 'ledgers'),
-            audit_log=str(tmp_path / 'audit.jsonl'),
-        )
+    def opened(port, **others):
+        settings = DriverParameters(**{**real, 'port': port, **others})
         return ledger_of(settings, session_of(settings))
 
     with opened('/dev/ttyUSB0') as ledger:
@@ -198,23 +169,18 @@ def test_the_ledger_of_a_device_is_known_by_its_serial_number_whatever_its_port_
         assert ledger.device == '0815'
         assert len(ledger.history(time.monotonic_ns())) == 1
     with pytest.raises(StimulationError, match=r"serial_number in .*, got none in 'rapid2-240v'"):
-        opened('/dev/ttyUSB0', 'rapid2-240v')
+        opened('/dev/ttyUSB0', device_specification='rapid2-240v')
 
 
-def test_only_a_simulated_device_bears_a_busy_computer(patient_file, tmp_path):
+def test_only_a_simulated_device_bears_a_busy_computer(real):
     simulated = driver_settings_of(DriverParameters())
     assert (simulated.executor_timeout_s, simulated.supervisor_timeout_s) == (2.0, 2.0)
     assert (simulated.stuck_limit_s, simulated.response_limit_s) == (2.0, 2.0)
-    real = DriverParameters(
-        device='serial',
-        patient_file=str(patient_file),
-        ledger_folder=str(tmp_path),
-        audit_log=str(tmp_path / 'audit.jsonl'),
-    )
-    settings = driver_settings_of(real)
+    given = DriverParameters(**real)
+    settings = driver_settings_of(given)
     assert (settings.executor_timeout_s, settings.supervisor_timeout_s) == (0.5, 0.5)
     assert (settings.stuck_limit_s, settings.response_limit_s) == (0.2, 0.1)
-    assert patience_s(real, 0.1) == 0.1
+    assert patience_s(given, 0.1) == 0.1
 
 
 def test_a_patient_whose_figures_have_expired_meanwhile_is_not_stimulated(theatre, patient_file):

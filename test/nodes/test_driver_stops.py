@@ -12,7 +12,6 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Vector3, WrenchStamped
 from lifecycle_msgs.msg import State, Transition
-from rclpy.node import Node
 
 from rpms_msgs.action import RunSchedule
 from rpms_msgs.msg import DriverStatus, Pulse
@@ -63,11 +62,7 @@ class DriverProcess:
 
     def __init__(self, graph, domain, folder, schedule):
         self.graph = graph
-        self.pulses, self.statuses = [], []
-        listener = graph.add(lambda **options: Node('listener', **options))
-        listen = listener.create_subscription
-        listen(Pulse, topics.PULSES, self.pulses.append, qos.PULSES)
-        listen(DriverStatus, topics.DRIVER_STATUS, self.statuses.append, qos.STATUS)
+        self.pulses = graph.heard(Pulse, topics.PULSES, qos.PULSES)
         self.audit = folder / 'audit.jsonl'
         arguments = [*ARGUMENTS, f'audit_log:={self.audit}', f'schedule_file:={schedule}']
         self.process = subprocess.Popen(

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from rpms_msgs.msg import MuscleEstimate, Pulse as PulseMessage
@@ -50,7 +49,7 @@ class Bench:
     def __init__(self, graph, **parameters: object) -> None:
         self.graph = graph
         self.estimates: list[Estimate] = []
-        probe = graph.add(lambda **options: Node('probe', **options))
+        probe = graph.node('probe')
         self._pulses = probe.create_publisher(PulseMessage, 'pulses', qos.PULSES)
         self._forces = probe.create_publisher(WrenchStamped, 'force', qos.FORCE)
         probe.create_subscription(MuscleEstimate, 'estimate', self._on_estimate, qos.ESTIMATE)
@@ -123,7 +122,7 @@ def test_a_lost_pulse_shows_in_the_sequence(graph) -> None:
 
 
 def test_a_best_effort_sensor_is_heard(graph, capfd: pytest.CaptureFixture[str]) -> None:
-    probe = graph.add(lambda **options: Node('probe', **options))
+    probe = graph.node('probe')
     sensor = probe.create_publisher(WrenchStamped, 'force', qos.FORCE_BEST_EFFORT)
     identifier = graph.add(Identifier)
     graph.wait_for(lambda: sensor.get_subscription_count() == 1)
@@ -141,7 +140,7 @@ def test_a_best_effort_sensor_is_heard(graph, capfd: pytest.CaptureFixture[str])
 def test_a_second_publisher_on_the_graph_is_a_fault_and_a_doubt(graph, capfd) -> None:
     pulses, forces = recording()
     bench = Bench(graph)
-    other = graph.add(lambda **options: Node('other', **options))
+    other = graph.node('other')
     other.create_publisher(WrenchStamped, 'force', qos.FORCE)
     other.create_publisher(PulseMessage, 'pulses', qos.PULSES)
     crowded = bench.identifier._senders._recent
@@ -176,22 +175,22 @@ def test_reset_begins_anew_and_the_period_may_change(graph) -> None:
 
 
 def test_diagnostics_say_what_is_in_doubt(graph) -> None:
-    heard: list[DiagnosticStatus] = []
-    probe = graph.add(lambda **options: Node('listener', **options))
-    probe.create_subscription(
-        DiagnosticArray, '/diagnostics', lambda message: heard.extend(message.status), 10
-    )
+    messages_heard = graph.heard(DiagnosticArray, '/diagnostics')
+
+    def heard() -> list[DiagnosticStatus]:
+        return [status for message in messages_heard for status in message.status]
+
     pulses, forces = recording(4.0)
     bench = Bench(graph)
     bench.send_pulses(pulses)
     bench.send_forces(ForceTrace(forces.stamp_ns, np.zeros(len(forces))))
-    graph.wait_for(lambda: any(one.level == DiagnosticStatus.WARN for one in heard))
-    status = next(one for one in heard if one.level == DiagnosticStatus.WARN)
+    graph.wait_for(lambda: any(one.level == DiagnosticStatus.WARN for one in heard()))
+    status = next(one for one in heard() if one.level == DiagnosticStatus.WARN)
     assert status.name == '/identifier: identification'
     assert status.message.startswith('in doubt: force_constant')
     assert {'estimator', 'fault force_constant'} <= {value.key for value in status.values}
     bench.identifier._heard -= 6.0
-    graph.wait_for(lambda: heard[-1].level == DiagnosticStatus.STALE)
+    graph.wait_for(lambda: heard()[-1].level == DiagnosticStatus.STALE)
 
 
 @pytest.mark.long

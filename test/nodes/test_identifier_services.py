@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from geometry_msgs.msg import WrenchStamped
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_srvs.srv import Trigger
 
@@ -32,12 +31,9 @@ class Sensor:
 
     def __init__(self, graph, quantity: str = 'force', **parameters: object) -> None:
         self.graph, self.quantity, self.sent = graph, quantity, 0
-        self.node = graph.add(lambda **options: Node('sensor', **options))
-        self.estimates: list[MuscleEstimate] = []
-        self.disturbances: list[WrenchStamped] = []
-        listen = self.node.create_subscription
-        listen(MuscleEstimate, 'estimate', self.estimates.append, qos.ESTIMATE)
-        listen(WrenchStamped, 'disturbance', self.disturbances.append, qos.DISTURBANCE)
+        self.node = graph.node('sensor')
+        self.estimates = graph.heard(MuscleEstimate, 'estimate', qos.ESTIMATE)
+        self.disturbances = graph.heard(WrenchStamped, 'disturbance', qos.DISTURBANCE)
         self.pulses = self.node.create_publisher(PulseMessage, 'pulses', qos.PULSES)
         self.forces = self.node.create_publisher(WrenchStamped, 'force', qos.FORCE)
         self.identifier = graph.add(Identifier, quantity=quantity, **parameters)
@@ -125,10 +121,8 @@ def test_the_disturbance_is_published_where_an_estimator_tells_it(graph) -> None
 def test_who_comes_late_gets_the_newest_estimate(graph) -> None:
     sensor = Sensor(graph)
     sensor.send(1000)
-    late: list[MuscleEstimate] = []
     durable = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    other = graph.add(lambda **options: Node('late', **options))
-    other.create_subscription(MuscleEstimate, 'estimate', late.append, durable)
+    late = graph.heard(MuscleEstimate, 'estimate', durable)
     graph.wait_for(lambda: bool(late) and late[-1] == sensor.estimates[-1])
 
 

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 import yaml
-from rclpy.node import Node
 
 from rpms_msgs.msg import DriverStatus, MuscleEstimate
 from rpms_ros.nodes.common import qos
@@ -147,11 +146,9 @@ def test_the_simulation_runs_a_schedule_and_is_recorded(graph, load, tmp_path):
         record='true',
         path=str(tmp_path / 'session'),
     )
-    statuses = []
-    estimates = []
-    probe = graph.add(lambda **options: Node('probe', namespace='ward/left_leg', **options))
-    probe.create_subscription(DriverStatus, 'driver_status', statuses.append, qos.STATUS)
-    probe.create_subscription(MuscleEstimate, 'estimate', estimates.append, qos.ESTIMATE)
+    leg = '/ward/left_leg'
+    statuses = graph.heard(DriverStatus, f'{leg}/driver_status', qos.STATUS)
+    estimates = graph.heard(MuscleEstimate, f'{leg}/estimate', qos.ESTIMATE)
     nodes = launched.add_to(graph)
     assert {node.get_namespace() for node in nodes.values()} == {'/ward/left_leg'}
     graph.wait_for(lambda: bool(statuses) and statuses[-1].pulses_delivered == 40)

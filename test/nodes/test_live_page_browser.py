@@ -6,7 +6,6 @@ import json
 
 import pytest
 from geometry_msgs.msg import WrenchStamped
-from rclpy.node import Node
 
 from rpms_msgs.msg import DriverStatus, MuscleEstimate
 from rpms_ros import messages
@@ -148,7 +147,7 @@ NASTY = '<img src=x onerror=alert(1)></td><script>document.title="taken"</script
 
 def hostile(graph):
     """Publish an estimate and a status with the names of somebody who means harm."""
-    other = graph.add(lambda **options: Node('other', **options))
+    other = graph.node('other')
     estimate = MuscleEstimate(
         estimator=NASTY,
         reasons=[NASTY, 'x' * 5000],
@@ -209,7 +208,7 @@ def test_hostile_names_are_text(graph, page, browser):
     graph.wait_for(lambda: browser.text('#state').startswith('driver silent for '))
     assert browser.text('#state').endswith('; last state: state 77')
     # nor while something comes that cannot be read
-    node = graph.add(lambda **options: Node('older', **options))
+    node = graph.node('older')
     garbled = node.create_publisher(DriverStatus, topics.DRIVER_STATUS, qos.STATUS)
     node.create_timer(0.05, lambda: garbled.publish(bytes((0, 1, 0, 0, 7))))
     graph.wait_for(lambda: browser.text('#state').startswith('driver not shown: '))

@@ -7,7 +7,6 @@ import pty
 import time
 
 import pytest
-from rclpy.node import Node
 from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool
 
@@ -38,9 +37,7 @@ def terminal():
 @pytest.fixture
 def said(graph):
     """What every stop button of the graph says; `heard` is all of it."""
-    heard = []
-    node = graph.add(lambda **options: Node('listener', **options))
-    node.create_subscription(Bool, topics.EMERGENCY_STOP, heard.append, qos.STOP_LIVE)
+    heard = graph.heard(Bool, topics.EMERGENCY_STOP, qos.STOP_LIVE)
 
     def newest():
         return heard[-1].data if heard else None
@@ -79,7 +76,7 @@ def test_a_terminal_that_is_gone_counts_as_pressed(graph, terminal, said):
 def test_a_joystick_presses_and_its_silence_too(graph, said):
     graph.add(StopButton, keyboard=False, joy_button=2, joy_timeout=1.0)
     graph.wait_for(lambda: said() is True)
-    stick = graph.add(lambda **options: Node('stick', **options))
+    stick = graph.node('stick')
     down = [0]
     publisher = stick.create_publisher(Joy, topics.JOY, 10)
     timer = stick.create_timer(0.02, lambda: publisher.publish(Joy(buttons=[0, 0, down[0]])))
@@ -101,10 +98,8 @@ def test_an_enable_that_is_held_again_before_the_console_looks_was_let_go_of(
     graph, terminal, monkeypatch
 ):
     monkeypatch.setattr(operator_console, 'JOY_TIMEOUT_S', 10.0)
-    beats = []
-    stick = graph.add(lambda **options: Node('stick', **options))
-    stick.create_subscription(OperatorHeartbeat, topics.HEARTBEAT, beats.append, qos.STOP_LIVE)
-    publisher = stick.create_publisher(Joy, topics.JOY, 10)
+    beats = graph.heard(OperatorHeartbeat, topics.HEARTBEAT, qos.STOP_LIVE)
+    publisher = graph.node('stick').create_publisher(Joy, topics.JOY, 10)
     console = graph.add(
         lambda **options: OperatorConsole(terminal[1], **options), operator='ada', joy_enable=1
     )
@@ -121,7 +116,7 @@ def test_an_enable_that_is_held_again_before_the_console_looks_was_let_go_of(
 
 
 def test_a_button_that_leaves_ends_nobody_when_its_timer_is_already_due(graph, monkeypatch):
-    node = graph.add(lambda **options: Node('page', **options))
+    node = graph.node('page')
     monkeypatch.setattr(operator, 'RATE', 5.0)
     button, left = ButtonPublisher(node), []
 
@@ -146,10 +141,8 @@ def test_the_console_arms_runs_and_disarms(graph, terminal, tmp_path):
     typed, keyboard = terminal
     file = tmp_path / 'schedule.yaml'
     file.write_text(LONG)
-    pulses, statuses = [], []
-    listener = graph.add(lambda **options: Node('listener', **options))
-    listener.create_subscription(Pulse, topics.PULSES, pulses.append, qos.PULSES)
-    listener.create_subscription(DriverStatus, topics.DRIVER_STATUS, statuses.append, qos.STATUS)
+    pulses = graph.heard(Pulse, topics.PULSES, qos.PULSES)
+    statuses = graph.heard(DriverStatus, topics.DRIVER_STATUS, qos.STATUS)
     # a machine under load may stall for longer than the default allows
     driver = graph.add(
         StimulatorDriver, stop_button_timeout=5.0, heartbeat_timeout=5.0, lateness_limit=0.1
@@ -169,7 +162,7 @@ def test_the_console_arms_runs_and_disarms(graph, terminal, tmp_path):
     end = time.monotonic() + 0.3
     graph.wait_for(lambda: time.monotonic() > end)
     assert not console.client.enable
-    typing = listener.create_timer(0.05, lambda: os.write(typed, b'e'))
+    typing = graph.node('fingers').create_timer(0.05, lambda: os.write(typed, b'e'))
     graph.wait_for(lambda: len(pulses) > 3)
     assert statuses[-1].operator_id == 'ada'
     typing.cancel()

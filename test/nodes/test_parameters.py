@@ -268,7 +268,7 @@ def test_a_node_that_is_refused_is_not_on_the_graph(
     graph, tmp_path, monkeypatch, kind, parameters, message
 ):
     monkeypatch.chdir(tmp_path)
-    other = graph.add(lambda **options: Node('other', **options))
+    other = graph.node('other')
     threads = set(threading.enumerate())
     with pytest.raises(RpmsError, match=message) as refused:
         graph.add(kind, **parameters)
@@ -280,7 +280,7 @@ def test_a_node_that_is_refused_is_not_on_the_graph(
 
 
 def test_a_console_without_a_terminal_lets_go_of_it(graph, tmp_path):
-    other = graph.add(lambda **options: Node('other', **options))
+    other = graph.node('other')
     schedule = tmp_path / 'schedule.yaml'
     schedule.write_text('segments: [{kind: pause, duration_s: 1.0}]')
     terminal = _NoTerminal()
@@ -301,7 +301,7 @@ def test_the_driver_ends_what_it_has_begun_when_its_last_part_is_refused(
         raise RpmsError('expected the last part, got none')
 
     monkeypatch.setattr('rpms_ros.nodes.stimulator_driver.follow_parameters', refuse)
-    other = graph.add(lambda **options: Node('other', **options))
+    other = graph.node('other')
     threads = set(threading.enumerate())
     log = tmp_path / 'audit.jsonl'
     with pytest.raises(RpmsError, match='the last part'):

@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 from geometry_msgs.msg import WrenchStamped
-from rclpy.node import Node
 
 from rpms_msgs.msg import MuscleTruth, Pulse as PulseMessage
 from rpms_ros import estimate_messages, messages
@@ -26,7 +25,7 @@ class Laboratory:
         self.graph = graph
         self.stamps = []
         self.forces = []
-        self.probe = graph.add(lambda **options: Node('probe', **options))
+        self.probe = graph.node('probe')
         self.probe.create_subscription(WrenchStamped, 'force', self._on_force, qos.FORCE)
         self.pulses = self.probe.create_publisher(PulseMessage, 'pulses', qos.PULSES)
         self.plant = graph.add(PlantSimulator, minimum_subscribers=1, **parameters)
@@ -109,8 +108,7 @@ def test_the_truth_of_a_scenario_is_published(graph, tmp_path):
     path = tmp_path / 'scenario.yaml'
     path.write_text('changes: [{at: 0.5, gain: 0.5, threshold: 0.6}]\n')
     laboratory = Laboratory(graph, scenario=str(path), subject='simulation')
-    truths = []
-    laboratory.probe.create_subscription(MuscleTruth, 'truth', truths.append, qos.TRUTH)
+    truths = graph.heard(MuscleTruth, 'truth', qos.TRUTH)
     graph.wait_for(lambda: bool(truths) and truths[-1].gain == 0.5)
     before, after = estimate_messages.truth_of(truths[0]), estimate_messages.truth_of(truths[-1])
     assert (before.state.gain, before.state.threshold) == (1.0, 0.48)

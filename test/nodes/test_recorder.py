@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
-from rclpy.node import Node
 from rosbags.interfaces import QosDurability, QosReliability
 from rosbags.rosbag2 import Reader
 
@@ -36,7 +35,7 @@ class Source:
 
     def __init__(self, graph):
         self.graph = graph
-        node = graph.add(lambda **options: Node('source', **options))
+        node = graph.node('source')
         self._pulses = node.create_publisher(PulseMessage, 'pulses', qos.PULSES)
         self._force = node.create_publisher(WrenchStamped, 'force', qos.FORCE)
 
@@ -91,7 +90,7 @@ def test_recorders_of_one_second_take_different_names(graph, tmp_path, monkeypat
 
 def test_a_topic_is_recorded_with_the_quality_of_its_publishers(graph, tmp_path):
     path = tmp_path / 'session'
-    node = graph.add(lambda **options: Node('source', **options))
+    node = graph.node('source')
     recorder = graph.add(
         Recorder, path=str(path), topics=['pulses', 'pulses', 'driver_status', 'truth']
     )
@@ -167,7 +166,7 @@ def test_a_recorder_that_cannot_be_made_leaves_no_open_file(graph, tmp_path, mon
 
 
 def test_a_recorder_hears_a_best_effort_sensor_without_being_told(graph, tmp_path, capfd):
-    sensor = graph.add(lambda **options: Node('sensor', **options))
+    sensor = graph.node('sensor')
     force = sensor.create_publisher(WrenchStamped, 'force', qos.FORCE_BEST_EFFORT)
     recorder = graph.add(Recorder, path=str(tmp_path / 'session'))
     graph.wait_for(lambda: force.get_subscription_count() == 1)
