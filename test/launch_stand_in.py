@@ -9,75 +9,47 @@ ones can be imported, `test_launch_files.py` runs `ros2 launch` as well.
 
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from types import ModuleType
+from dataclasses import field, make_dataclass
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 
-@dataclass
-class LaunchContext:
-    """Values of launch arguments."""
-
-    values: dict[str, str] = field(default_factory=dict)
+def node(**options: Any) -> SimpleNamespace:
+    """Return a process to start."""
+    return SimpleNamespace(options=options)
 
 
-@dataclass
-class LaunchConfiguration:
-    """Stands for the value of an argument."""
-
-    name: str
-
-    def perform(self, context: LaunchContext) -> str:
-        """Return the value."""
-        return context.values[self.name]
+def value_of(argument: Any, context: Any) -> str:
+    """Return the value of an argument, for which a `LaunchConfiguration` stands."""
+    value: str = context.values[argument.name]
+    return value
 
 
-@dataclass
-class DeclareLaunchArgument:
-    """An argument."""
-
-    name: str
-    default_value: str
-    description: str
-    choices: list[str] | None = None
-
-
-@dataclass
-class OpaqueFunction:
-    """A function that returns what is started."""
-
-    function: Callable[[LaunchContext], list[Any]]
-
-
-class Node:
-    """A process to start."""
-
-    def __init__(self, **options: Any) -> None:
-        self.options = options
-
-
-@dataclass
-class LaunchDescription:
-    """What a launch file returns."""
-
-    entities: list[Any]
-
-
-MODULES: dict[str, tuple[Any, ...]] = {
-    'launch': (LaunchContext, LaunchDescription),
-    'launch.actions': (DeclareLaunchArgument, OpaqueFunction),
-    'launch.launch_context': (LaunchContext,),
-    'launch.launch_description': (LaunchDescription,),
-    'launch.substitutions': (LaunchConfiguration,),
-    'launch_ros': (),
-    'launch_ros.actions': (Node,),
+Argument = ['name', 'default_value', 'description', ('choices', list, field(default=None))]
+MODULES: dict[str, dict[str, Any]] = {
+    'launch': {},
+    'launch.actions': {
+        'DeclareLaunchArgument': make_dataclass('DeclareLaunchArgument', Argument),
+        'OpaqueFunction': make_dataclass('OpaqueFunction', ['function']),
+    },
+    'launch.launch_context': {'LaunchContext': make_dataclass('LaunchContext', ['values'])},
+    'launch.launch_description': {
+        'LaunchDescription': make_dataclass('LaunchDescription', ['entities'])
+    },
+    'launch.substitutions': {
+        'LaunchConfiguration': make_dataclass(
+            'LaunchConfiguration', ['name'], namespace={'perform': value_of}
+        )
+    },
+    'launch_ros': {},
+    'launch_ros.actions': {'Node': node},
 }
+MODULES['launch'] = {**MODULES['launch.launch_context'], **MODULES['launch.launch_description']}
 
 
 def install(set_item: Callable[[dict[str, Any], str, Any], None]) -> None:
     """Put the modules where an import finds them; `set_item` is monkeypatch.setitem."""
     for name, members in MODULES.items():
         module = ModuleType(name)
-        for member in members:
-            setattr(module, member.__name__, member)
+        vars(module).update(members)
         set_item(sys.modules, name, module)

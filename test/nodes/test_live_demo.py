@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""`rpms demo --live` as a stranger starts it: a curve in the browser, and nothing to press."""
+"""`rpms demo --live` as a stranger starts it: a page that answers, and nothing to press."""
 
 import signal
 import subprocess
@@ -41,23 +41,9 @@ def answers(url):
 
 
 @pytest.mark.long
-def test_a_curve_appears_and_the_page_only_shows(demo, beside, tmp_path):
+def test_the_page_of_a_demo_answers_when_it_is_printed_and_only_shows(demo):
     process, url = demo
-    # the address is printed when the page answers
     assert answers(url)
-    with beside('devtools').Browser(tmp_path / 'profile') as browser:
-        browser.screen(1100)
-        browser.open(url)
-        running = "document.getElementById('state').textContent.startsWith('running')"
-        browser.wait_for(running, PATIENCE)
-        browser.wait_for("document.getElementById('curve-text').textContent.includes(' N')", 60.0)
-        browser.wait_for('plots.force.modelled.some((value) => value !== null)', 60.0)
-        # the curve is a line on its canvas
-        drawn = browser.evaluate('plots.made.curve.data[3].length')
-        assert drawn > 50
-        assert not browser.evaluate("document.getElementById('read-only').hidden")
-        assert browser.evaluate("document.getElementById('controls').hidden")
-        assert browser.complaints() == []
     with pytest.raises(urllib.error.HTTPError, match='403'):
         urllib.request.urlopen(urllib.request.Request(f'{url}stop', method='POST'), timeout=60)
     process.send_signal(signal.SIGINT)
