@@ -13,7 +13,7 @@ here it is refused.
 import math
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -57,76 +57,22 @@ from rpms_ros.stimulation.driver.safety_monitor import EXECUTOR, Refused, Sensor
 from rpms_ros.stimulation.driver.states import POSSIBLE, State
 from rpms_ros.stimulation.driver.stop_buttons import StopButtons
 
-Names = dict[int, str]
 _PREFIX = 'TRANSITION_'
-_LABELS: Names = {
+_LABELS: dict[int, str] = {
     getattr(Transition, name): name.removeprefix(_PREFIX).lower()
     for name in dir(Transition)
     if name.startswith(_PREFIX)
 }
 
 
-class GuardedLifecycleNode(LifecycleNode):
-    """Refuses what the state does not allow; keyword arguments go to `rclpy.node.Node`."""
-
-    def __init__(self, name: str, **options: Any) -> None:
-        super().__init__(name, **options)
-        self._change_state = self._service_change_state.callback
-        self._service_change_state.callback = self._on_change_state
-
-    def possible_transitions(self) -> dict[int, str]:
-        """Return number and label of each transition that the state allows."""
-        return {
-            int(number): str(label)
-            for number, label, *_ in self._state_machine.available_transitions
-        }
-
-    def change(self, number: int) -> None:
-        """Make a transition from within.
-
-        Raises
-        ------
-        NodeError
-            If the state does not allow it.
-        """
-        possible = self.possible_transitions()
-        if number not in possible:
-            raise NodeError(_refusal(possible, number))
-        triggers = {
-            Transition.TRANSITION_CONFIGURE: self.trigger_configure,
-            Transition.TRANSITION_ACTIVATE: self.trigger_activate,
-            Transition.TRANSITION_DEACTIVATE: self.trigger_deactivate,
-        }
-        triggers[number]()  # type: ignore[no-untyped-call]
-
-    def destroy_node(self) -> None:
-        """Destroy everything; what rclpy leaves out would keep the name on the graph."""
-        self._state_machine.destroy_when_not_in_use()
-        LifecycleNode.destroy_node(self)
-
-    def transition_refused(self, reason: str) -> None:
-        """Say that a transition was asked for that is not possible; override it."""
-
-    def _on_change_state(
-        self, request: ChangeState.Request, response: ChangeState.Response
-    ) -> ChangeState.Response:
-        possible, asked = self.possible_transitions(), request.transition
-        if asked.label in possible.values() if asked.label else asked.id in possible:
-            return self._change_state(request, response)
-        self.transition_refused(_refusal(possible, asked.id, asked.label))
-        response.success = False
-        return response
-
-
-def _refusal(possible: Names, number: int, label: str = '') -> str:
+def _refusal(possible: Collection[str], asked: str) -> str:
     """Return why the state does not allow a transition."""
-    asked = label or _LABELS.get(number, str(number))
     if not possible:
         return (
             f'expected a node that is not shut down, got {asked}: no transition is possible any '
             'more, start it again'
         )
-    return f'expected a transition of {", ".join(sorted(possible.values()))}, got {asked}'
+    return f'expected a transition of {", ".join(sorted(possible))}, got {asked}'
 
 
 _NAME = 'use_sim_time'
@@ -155,13 +101,16 @@ _TICK_S = 0.05
 _SIGN_S = 0.01
 
 
-class StimulatorDriver(GuardedLifecycleNode):
+class StimulatorDriver(LifecycleNode):
     """Driver of one stimulator; keyword arguments go to `rclpy.node.Node`."""
 
     settings_type = DriverParameters
 
     def __init__(self, **options: Any) -> None:
         super().__init__('stimulator_driver', **options)
+        # rclpy ends the node where a state does not allow what is asked for
+        self._change_state = self._service_change_state.callback
+        self._service_change_state.callback = self._on_change_state
         with complete_or_gone(self) as self._parts:
             self._build()
             self._parts.callback(self._let_go, 'node destroyed')
@@ -274,11 +223,37 @@ class StimulatorDriver(GuardedLifecycleNode):
     def destroy_node(self) -> None:
         """Close the device before anything else of the node is destroyed."""
         self._parts.close()
-        super().destroy_node()
+        # what rclpy leaves out would keep the name on the graph
+        self._state_machine.destroy_when_not_in_use()
+        LifecycleNode.destroy_node(self)
 
-    def transition_refused(self, reason: str) -> None:
-        """Report why a transition was refused."""
-        self._reports.refuse(reason)
+    def change(self, label: str) -> None:
+        """Make a transition from within.
+
+        Raises
+        ------
+        NodeError
+            If the state does not allow it.
+        """
+        possible = self._possible()
+        if label not in possible.values():
+            raise NodeError(_refusal(possible.values(), label))
+        getattr(self, f'trigger_{label}')()
+
+    def _possible(self) -> dict[int, str]:
+        """Return number and label of each transition that the state allows."""
+        return {number: label for number, label, *_ in self._state_machine.available_transitions}
+
+    def _on_change_state(
+        self, request: ChangeState.Request, response: ChangeState.Response
+    ) -> ChangeState.Response:
+        possible, asked = self._possible(), request.transition
+        if asked.label in possible.values() if asked.label else asked.id in possible:
+            return self._change_state(request, response)
+        label = asked.label or _LABELS.get(asked.id, str(asked.id))
+        self._reports.refuse(_refusal(possible.values(), label))
+        response.success = False
+        return response
 
     def _configure(self) -> None:
         self._audit.require('configure', specification=self.controller.specification.name)
@@ -299,7 +274,7 @@ class StimulatorDriver(GuardedLifecycleNode):
     def _arm(self) -> None:
         """Arm by a transition of the life cycle; raise StimulationError if that fails."""
         try:
-            self.change(Transition.TRANSITION_ACTIVATE)
+            self.change('activate')
         except NodeError as error:
             raise StimulationError(str(error)) from error
         if self.controller.state not in POSSIBLE:
@@ -431,7 +406,7 @@ class StimulatorDriver(GuardedLifecycleNode):
         self._action.progress(stamp, now_ns)
         if self._active and self.controller.state not in POSSIBLE:
             # the controller has disarmed: deactivate the life cycle too
-            self.change(Transition.TRANSITION_DEACTIVATE)
+            self.change('deactivate')
         if self._autostart and self._pulses.listeners >= self.settings.minimum_subscribers:
             schedule, self._autostart = self._autostart, None
             self._start(schedule)
@@ -440,9 +415,9 @@ class StimulatorDriver(GuardedLifecycleNode):
     def _start(self, schedule: Schedule) -> None:
         try:
             if self.controller.state is State.UNCONFIGURED:
-                self.change(Transition.TRANSITION_CONFIGURE)
+                self.change('configure')
             if self.controller.state is State.DISARMED:
-                self.change(Transition.TRANSITION_ACTIVATE)
+                self.change('activate')
             if self.controller.state is State.ARMED:
                 self.controller.start(schedule, lambda: self._reports.announce(schedule, ''))
         except RpmsError as error:
