@@ -18,7 +18,6 @@ from pathlib import Path
 import numpy as np
 
 from rpms_ros.identification import estimator_by_name
-from rpms_ros.identification.estimation.batch import unexplained
 from rpms_ros.identification.quality.doubts import NO_CONSTANT_MUSCLE
 
 sys.path.insert(0, str(Path(__file__).parents[1] / 'test'))
@@ -54,7 +53,7 @@ def main():
             for seed in range(seeds):
                 what = session(kind, excitation, seed)
                 error, held, seconds, estimator, found = outcome('batch', what)
-                share = unexplained(estimator._problem, estimator._window.point)[:, 0].max()
+                share = estimator.unexplained[:, 0].max()
                 said += NO_CONSTANT_MUSCLE in found.doubts
                 other = outcome('tracking', what)
                 spent += seconds, other[2]

@@ -10,6 +10,7 @@ Error of the a-priori predictions of a session, in newtons and as a share of the
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -134,7 +135,7 @@ class IdentifiedSession:
         first = int(made[0]) if len(made) else len(self.prediction)
         return np.where(np.arange(len(self.prediction)) < first, np.nan, self.prediction)
 
-    @property
+    @cached_property
     def output_error(self) -> OutputError:
         """Error of the a-priori predictions over the whole session after settling."""
         return output_error(self.stamp_ns, self.force, self.shown_prediction, self.usable)
@@ -235,7 +236,7 @@ def _why_nothing(force: FloatArray, largest: float) -> str:
 
 BLOCK = 10_000
 # Pulses more than 10 s ahead of the force count as far: shorter blocks do not cause that.
-_BLOCK_NS = nanoseconds(5.0)
+_BLOCK_NS = nanoseconds(9.0)
 
 
 def feed(

@@ -303,8 +303,8 @@ class BasisChoice:
 _CHOICES_S = (1.0, 3.0, 7.0, 16.0, 32.0)
 _PERIOD_S = 32.0
 # Where all seems well it is compared with its neighbours only, but so often with all that people
-# have.  Where residuals are alike it is compared sooner, and then each time after twice the time:
-# what no basis explains is not the basis.
+# have.  Where residuals are alike or the disturbance is lively it is compared sooner, and then
+# each time after twice the time: what no basis explains is not the basis.
 _GRIDS = 4
 _AGAIN_NS = 3 * NANOSECONDS_PER_SECOND
 _LONGEST_WAIT = 4
@@ -358,15 +358,15 @@ class BasisSchedule(Restorable):
         if self._stimulated_ns is None and intensity.any():
             self._stimulated_ns = int(onset_ns[(intensity > 0.0).argmax()])
 
-    def due(self, now_ns: int, alike: bool) -> Search | None:
+    def due(self, now_ns: int, misfit: bool) -> Search | None:
         """Return with which bases to compare now, None if not to.
 
         Parameters
         ----------
         now_ns : int
             Newest stamp [ns].
-        alike : bool
-            Whether neighbouring residuals are alike.
+        misfit : bool
+            Whether neighbouring residuals are alike, or the disturbance takes them up.
         """
         since_ns = self.begun_ns
         if since_ns is None and self._stimulated_ns is not None:
@@ -377,13 +377,13 @@ class BasisSchedule(Restorable):
         seconds = (now_ns - since_ns) / NANOSECONDS_PER_SECOND
         done = self._choices
         due = _CHOICES_S[done] if done < len(_CHOICES_S) else _PERIOD_S * (done - 3)
-        if not alike:
+        if not misfit:
             self._in_vain = 0
         if seconds >= due:
             self._choices += 1
-        elif not alike or now_ns < self._compared_ns + (_AGAIN_NS << self._in_vain):
+        elif not misfit or now_ns < self._compared_ns + (_AGAIN_NS << self._in_vain):
             return None
         else:
             self._in_vain = min(self._in_vain + 1, _LONGEST_WAIT)
         self._compared_ns = now_ns
-        return Search.EVERYWHERE if done < _GRIDS or alike else Search.NEIGHBOURS
+        return Search.EVERYWHERE if done < _GRIDS or misfit else Search.NEIGHBOURS

@@ -28,7 +28,7 @@ from rpms_ros.identification.estimation.basis_choice import BasisChoice
 from rpms_ros.identification.estimation.blocks import COUNT, grown, ring_order
 from rpms_ros.identification.estimation.estimator import ProjectionEstimator
 from rpms_ros.identification.estimation.settings import Problem, ProjectionSettings
-from rpms_ros.identification.estimation.window_equations import Point, condensed, no_change
+from rpms_ros.identification.estimation.window_equations import Intervals, no_change
 from rpms_ros.identification.estimation.window_fit import (
     CONSTANT,
     INTERVAL_NS,
@@ -52,10 +52,10 @@ _SCOUTING_STEPS, _FINAL_STEPS = 6, 20
 # Most intervals of the disturbance: those of a long recording are longer.
 _MOST_INTERVALS = 480
 # The part of a recording that chooses the basis, before its last strong pulse, the least samples
-# for that, and the length from which the whole grid of bases is searched once more.
+# for that, and the length from which it is chosen for predictions already.
 _CHOSEN_NS = 40 * NANOSECONDS_PER_SECOND
 _LEAST_SAMPLES = 500
-_SEARCHED_AGAIN_NS = 10 * NANOSECONDS_PER_SECOND
+_LEAST_SEARCHED_NS = 10 * NANOSECONDS_PER_SECOND
 _CHOICE_STEPS = 10
 # Where the clock has jumped, recordings are put one after the other with this distance.
 _APART_NS = 60 * NANOSECONDS_PER_SECOND
@@ -78,17 +78,23 @@ class BatchEstimator(ProjectionEstimator):
     ------
     IdentificationError
         If the rate is not above zero.
+
+    Attributes
+    ----------
+    unexplained : ndarray (parts, 2)
+        What parts of the recording would explain better by a muscle of their own; see the
+        function of this name.
     """
 
     name = 'batch'
     on_line = False
 
+    unexplained: FloatArray
     _origin_ns: int | None
     _last_ns: int
     _due_ns: int
-    _interval_ns: int
     _fitted_samples: int
-    _searches: int
+    _searched: bool
     _compared_ns: int
     _shift_ns: int
     _jumped: bool
@@ -99,12 +105,12 @@ class BatchEstimator(ProjectionEstimator):
         rate_hz: float = DEFAULT_RATE,
     ) -> None:
         super().__init__(settings, rate_hz)
+        self.unexplained = np.empty((0, 2))
         self._origin_ns = None
         self._last_ns = 0
         self._due_ns = 0
-        self._interval_ns = _FIRST_FIT_NS
         self._fitted_samples = 0
-        self._searches = 0
+        self._searched = False
         self._compared_ns = 0
         self._shift_ns = 0
         self._jumped = False
@@ -135,10 +141,9 @@ class BatchEstimator(ProjectionEstimator):
         while first < len(stamp_ns):
             if stamp_ns[first] >= self._due_ns:
                 early = self._last_ns - self._origin_ns < _LAST_SCOUTING_NS
-                self._fit_all(scouting=early)
+                self._fit_all(scouting=early, final=False)
                 while stamp_ns[first] >= self._due_ns:
-                    self._interval_ns *= _GROWTH
-                    self._due_ns += self._interval_ns
+                    self._due_ns += (_GROWTH - 1) * (self._due_ns - self._origin_ns)
             last = int(np.searchsorted(stamp_ns, self._due_ns))
             part = slice(first, last)
             self._make_room(int(stamp_ns[last - 1] - stamp_ns[first]))
@@ -155,8 +160,17 @@ class BatchEstimator(ProjectionEstimator):
 
     def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
         """Fit all samples so far and return the estimate."""
-        self._fit_all(scouting=True)
-        return examined(super().estimate(stamp_ns, faults), self._problem, self._window.point)
+        self._fit_all(scouting=True, final=True)
+        estimate, parts = super().estimate(stamp_ns, faults), self.unexplained
+        share = parts[parts[:, 1] > _SIGNIFICANT, 0].max(initial=0.0)
+        if not estimate.curve_known or share <= _MISFIT:
+            return estimate
+        doubt = NO_CONSTANT_MUSCLE if share > _CHANGED else RESPONSE_MISFIT
+        return replace(
+            estimate,
+            doubts=(*estimate.doubts, doubt),
+            reasons=(*estimate.reasons, REASON[doubt]),
+        )
 
     def _in_a_row(self, stamp_ns: IntArray) -> IntArray:
         """Return stamps [ns] that go on after a jump of the clock, far behind what was before."""
@@ -173,14 +187,17 @@ class BatchEstimator(ProjectionEstimator):
             blocks = grown(self._problem.blocks, 2 * need)
             self._problem = self._problem._replace(blocks=blocks)
 
-    def _fit_all(self, scouting: bool) -> None:
-        """Fit all samples; with `scouting`, try every start with a few steps first."""
+    def _fit_all(self, scouting: bool, final: bool) -> None:
+        """Fit all samples; with `scouting`, try every start with a few steps first.
+
+        Unless `final`, the fit is for predictions alone.
+        """
         samples = int(self._intake.learnt[0])
         if self._origin_ns is None or samples == self._fitted_samples:
             return
         self._fitted_samples = samples
         self._fit_basis(scouting)
-        if self.settings.choose_basis and self._choose_basis(scouting):
+        if self.settings.choose_basis and self._choose_basis(final):
             self._fit_basis(scouting)
         self._predict_by_window(self._span(self._problem).length_ns)
 
@@ -203,7 +220,10 @@ class BatchEstimator(ProjectionEstimator):
             self._scout(fit)
         # of another length of the intervals the disturbance says little
         fit.levels, fit.inflation = fit.levels[-2:].copy(), 1.0
-        gauss_newton_steps(self._problem, fit, knowledge, self._span(self._problem), _FINAL_STEPS)
+        window = self._span(self._problem)
+        at = gauss_newton_steps(self._problem, fit, knowledge, window, _FINAL_STEPS)
+        if at is not None and scouting:
+            self.unexplained = unexplained(at.intervals, window.length_ns, at.point.linear)
 
     def _scout(self, fit: WindowFit) -> None:
         """Try every start on the newest blocks; go on from the best."""
@@ -222,18 +242,18 @@ class BatchEstimator(ProjectionEstimator):
         if np.isfinite(best.likelihood):
             fit.point, fit.scales, fit.variance = best.point, best.scales, best.variance
 
-    def _choose_basis(self, nearby: bool) -> bool:
+    def _choose_basis(self, final: bool) -> bool:
         """Choose the basis that explains the recording best; return whether it has changed.
 
-        Among those next to the present one only if `nearby`: what a fit for predictions alone
-        would gain by one of them is little.
+        Only if `final` in a short recording, or among those next to the present one: what a fit
+        for predictions alone would gain by them is little.
         """
         strong_ns = self._raw.last_strong_ns(self._last_ns)
         if strong_ns is None or strong_ns == self._compared_ns:
             return False
         first_ns = max(strong_ns - _CHOSEN_NS, self._raw.first_ns)
-        everywhere = self._searches < 1 + (strong_ns - first_ns > _SEARCHED_AGAIN_NS)
-        if not (everywhere or nearby):
+        everywhere = not self._searched
+        if not final and (self._searched or strong_ns - first_ns < _LEAST_SEARCHED_NS):
             return False
         # a search everywhere is one anew: the basis of few samples has no right of its own
         present = self.settings.basis if everywhere else self._basis
@@ -250,7 +270,7 @@ class BatchEstimator(ProjectionEstimator):
             fit = replace(self._window, levels=np.zeros(2), first=0)
         gauss_newton_steps(problem, fit, knowledge, window, _CHOICE_STEPS)
         choice = BasisChoice(self._raw, present, fit, knowledge, window, None)
-        self._searches += everywhere
+        self._searched = True
         basis = choice.better(everywhere)
         self._basis_spread = choice.spread(basis)
         if basis == self._basis:
@@ -291,68 +311,47 @@ _SIGNIFICANT = 100.0
 _ROUNDING = 1e-9
 
 
-def examined(estimate: Estimate, problem: Problem, point: Point) -> Estimate:
-    """Return the estimate of a fit, with a doubt and its reason if parts of it disagree.
+def unexplained(intervals: Intervals, length_ns: int, linear: FloatArray) -> FloatArray:
+    """Return for each part of a recording what its own muscle would explain better.
 
     Parameters
     ----------
-    estimate : Estimate
-        Made of the fit.
-    problem, point : Problem, Point
-        Blocks of the recording, and the muscle of their fit.
-    """
-    doubt = doubt_of_parts(problem, point) if estimate.curve_known else ''
-    if not doubt:
-        return estimate
-    return replace(
-        estimate,
-        doubts=(*estimate.doubts, doubt),
-        reasons=(*estimate.reasons, REASON[doubt]),
-    )
-
-
-def doubt_of_parts(problem: Problem, point: Point) -> str:
-    """Return the doubt of a recording some part of which asks for a muscle of its own, or nothing.
-
-    Parameters
-    ----------
-    problem, point : Problem, Point
-        Blocks of the recording, and the muscle of their fit.
-    """
-    parts = unexplained(problem, point)
-    share = parts[parts[:, 1] > _SIGNIFICANT, 0].max(initial=0.0) if len(parts) else 0.0
-    return NO_CONSTANT_MUSCLE if share > _CHANGED else RESPONSE_MISFIT if share > _MISFIT else ''
-
-
-def unexplained(problem: Problem, point: Point) -> FloatArray:
-    """Return for each part what its own muscle would explain better.
-
-    Parameters
-    ----------
-    problem, point : Problem, Point
-        Blocks of the recording, and the muscle of their fit.
+    intervals : Intervals
+        Of the fit of the recording.
+    length_ns : int
+        Their length [ns].
+    linear : ndarray (functions,)
+        Its w.
 
     Returns
     -------
     ndarray (parts, 2)
         Root mean square as a share of that of the muscle's force; squared, as a multiple of the
-        variance of what the part's own muscle leaves.  Empty if the clock has jumped back.
+        variance of what the part's own muscle leaves.
     """
-    blocks = problem.blocks
-    order = ring_order(blocks)
-    start_ns = blocks.start_ns[order]
-    if not len(start_ns) or (np.diff(start_ns) < 0).any():
-        return np.empty((0, 2))
-    still = no_change(len(point.linear))
-    parts = condensed(problem, point.theta, point.linear, int(start_ns[0]), _PART_NS, still)
-    found = [
-        _gain(gram, right, energy, samples, point.linear)
-        for gram, right, energy, samples in zip(
-            parts.gram, parts.right, parts.energy, parts.samples, strict=True
-        )
-        if samples > _LEAST_PART_SAMPLES
-    ]
+    count = max(1, round(_PART_NS / length_ns))
+    found = []
+    for first in range(0, len(intervals.samples), count):
+        part = slice(first, first + count)
+        samples = float(intervals.samples[part].sum())
+        if samples > _LEAST_PART_SAMPLES:
+            gram, right = _summed(intervals.gram[part], intervals.right[part])
+            found.append(_gain(gram, right, float(intervals.energy[part].sum()), samples, linear))
     return np.array(found).reshape(-1, 2)
+
+
+def _summed(gram: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the sums of successive intervals, with one line as the baseline of all."""
+    count, columns = right.shape
+    joint = columns - 2
+    line = np.zeros((count, columns, columns))
+    line[:, np.arange(joint), np.arange(joint)] = 1.0
+    # the two hats of each interval, by the line's levels at both ends
+    share = np.arange(count + 1.0) / count
+    line[:, joint, joint], line[:, joint, joint + 1] = 1.0 - share[:-1], share[:-1]
+    line[:, joint + 1, joint], line[:, joint + 1, joint + 1] = 1.0 - share[1:], share[1:]
+    summed = np.einsum('jki,jkl,jlm->im', line, gram, line, optimize=True)
+    return summed, np.einsum('jki,jk->i', line, right)
 
 
 def _gain(

@@ -720,7 +720,9 @@ class TrackingEstimator(ProjectionEstimator):
         """Compare the basis with others when it is time to."""
         if not self._choose or self._watch.deliberating or not len(self._acting_ns()):
             return
-        search = self._schedule.due(self._now_ns, self._window.inflation > _ALIKE)
+        fit = self._window
+        misfit = fit.inflation > _ALIKE or fit.scales.disturbance >= LIVELY
+        search = self._schedule.due(self._now_ns, misfit)
         if search is None:
             return
         if self._tremor.frequency:
@@ -730,7 +732,6 @@ class TrackingEstimator(ProjectionEstimator):
             self._raw = self._raw.without(self._tremor.frequency, rest)
             self._change_basis(self._basis)
         choice = self._choice()
-        fit = self._window
         found = choice.better(search is Search.EVERYWHERE)
         self._basis_spread = choice.spread(found)
         explained = choice.explained(found)

@@ -376,7 +376,7 @@ def _resized(values: FloatArray, count: int) -> FloatArray:
     return np.concatenate((values[:count], np.full(max(count - len(values), 0), last)))
 
 
-class _Linearised:
+class Linearised:
     """A window linearised at a point, with its priors."""
 
     def __init__(
@@ -478,7 +478,7 @@ _DEVIATIONS = {
 _NO_PRIOR: FloatArray = np.full(DEVIATION.stop - PARAMETERS, np.inf)
 
 
-def _solution(at: _Linearised, reduced: Reduced, scales: Scales) -> _Solution | None:
+def _solution(at: Linearised, reduced: Reduced, scales: Scales) -> _Solution | None:
     """Solve for the step; None if the equations are not positive."""
     widths = np.array([CHANGES[scales.gain], CHANGES[scales.slowing], DRIFTS[scales.slope]])
     # an earlier result holds the prior of the deviation already
@@ -533,7 +533,7 @@ def _grids(window: Window, knowledge: Knowledge) -> list[tuple[str, FloatArray]]
 
 
 def _best_scales(
-    at: _Linearised, variance: float, scales: Scales, window: Window
+    at: Linearised, variance: float, scales: Scales, window: Window
 ) -> tuple[Scales, _Solution, list[_Solution]]:
     """Return the scales with the largest evidence among the neighbours of the present ones.
 
@@ -586,13 +586,19 @@ def _averaged(solution: _Solution, tried: list[_Solution]) -> tuple[FloatArray, 
 
 def gauss_newton_steps(
     problem: Problem, fit: WindowFit, knowledge: Knowledge, window: Window, steps: int
-) -> None:
-    """Take up to so many steps; scales and variance follow the samples."""
-    at = None
+) -> Linearised | None:
+    """Take up to so many steps; scales and variance follow the samples.
+
+    Returns
+    -------
+    Linearised or None
+        Where the last step began; None if there was no sample, or a step could not be solved.
+    """
+    at = after = None
     for _ in range(steps):
-        at = at or _linearised(problem, fit, knowledge, window)
+        at = after or _linearised(problem, fit, knowledge, window)
         if at.samples == 0.0:
-            return
+            return None
         if fit.variance == 0.0:
             fit.variance = at.power * 0.01 + LEAST_ENERGY
         try:
@@ -603,13 +609,14 @@ def gauss_newton_steps(
             fit.failures += 1
             # an older covariance would claim that these samples were understood
             fit.covariance = _UNKNOWN * np.eye(unknowns_of(fit.point))
-            return
+            return None
         step, covariance = _averaged(solution, tried)
         before = fit.variance
-        at = _move(fit, at, solution, step, covariance, problem, window)
+        after = _move(fit, at, solution, step, covariance, problem, window)
         settled = np.abs(fit.moved) < 0.05 * np.sqrt(np.diag(fit.covariance)[:NONLINEAR])
         if settled.all() and fit.variance > 0.5 * before:
             break
+    return at
 
 
 def steps_at_fixed_scales(
@@ -632,7 +639,7 @@ def steps_at_fixed_scales(
 
 def _linearised(
     problem: Problem, fit: WindowFit, knowledge: Knowledge, window: Window
-) -> _Linearised:
+) -> Linearised:
     fit.point = with_knots(fit.point, window.knots)
     point = fit.point
     first_ns, length_ns = window.first_ns, window.length_ns
@@ -641,10 +648,10 @@ def _linearised(
     first = int(intervals.first[0])
     now = window.now_ns / window.length_ns - first + window.lag
     bends = _second_differences(fit, first, len(intervals.samples) + 1)
-    return _Linearised(intervals, point, knowledge, now, window.spacing, bends, window.start)
+    return Linearised(intervals, point, knowledge, now, window.spacing, bends, window.start)
 
 
-def _limited(at: _Linearised, solution: _Solution, step: FloatArray) -> FloatArray:
+def _limited(at: Linearised, solution: _Solution, step: FloatArray) -> FloatArray:
     """Return a step (unknowns,) within the bounds and the range of a nearly linear model."""
     step = at.knowledge.bounded(at.point, step, solution.hessian)
     joint, knots = NONLINEAR + len(at.point.linear), len(at.point.gain)
@@ -655,13 +662,13 @@ def _limited(at: _Linearised, solution: _Solution, step: FloatArray) -> FloatArr
 
 def _move(
     fit: WindowFit,
-    at: _Linearised,
+    at: Linearised,
     solution: _Solution,
     step: FloatArray,
     covariance: FloatArray,
     problem: Problem,
     window: Window,
-) -> _Linearised | None:
+) -> Linearised | None:
     """Take a step, damped until the cost with all but theta at its best does not rise.
 
     Arctangents, deviation and response can stand in for each other: where little is known, the
@@ -705,7 +712,7 @@ def _move(
     return None
 
 
-def _refresh_noise(fit: WindowFit, at: _Linearised, before: Point, window: Window) -> None:
+def _refresh_noise(fit: WindowFit, at: Linearised, before: Point, window: Window) -> None:
     """Estimate the variance of the residuals anew."""
     unknowns = unknowns_of(before)
     fit.variance, fit.inflation, fit.residual_spread = noise_of(
@@ -715,7 +722,7 @@ def _refresh_noise(fit: WindowFit, at: _Linearised, before: Point, window: Windo
 
 def _accept(
     fit: WindowFit,
-    at: _Linearised,
+    at: Linearised,
     solution: _Solution,
     step: FloatArray,
     covariance: FloatArray,

@@ -525,24 +525,35 @@ def alternation(force: FloatArray, edges: IntArray) -> FloatArray:
 
 # A residual is unexplained if it exceeds so many times the usual one.
 _RESIDUAL_TIMES = 8.0
+# Cells that have to be explained before.
+_LEARNT = 100
 
 
 class Unexplained(UsualResiduals):
     """Finds `force_unexplained`.
 
     The usual residual is the median over three seconds: a lasting change is reported for half of
-    that time.
+    that time.  Predictions that have explained the force for less than ten seconds are not held
+    to be good: the first rise of a slow sinusoid does not tell the muscle.
     """
+
+    _learnt: int
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._learnt = 0
 
     def processed_all(self, samples: ProcessedSamples) -> Mapping[str, int]:
         """Return the number of used samples if residuals are far larger than usual."""
-        limit = self._limit(_RESIDUAL_TIMES) if len(self._sizes) == _CELLS else math.inf
+        known = len(self._sizes) == _CELLS and self._learnt >= _LEARNT
+        limit = self._limit(_RESIDUAL_TIMES) if known else math.inf
         count = 0
         for used, error, _, explained in samples.fits:
             count += used if error > limit else 0
             self._sizes.append(error)
             self._explained.append(explained > 3.0 * error)
             if self._explained[-1]:
+                self._learnt += 1
                 self._range = max(self._range, explained)
         return {faults.FORCE_UNEXPLAINED: count} if count else {}
 

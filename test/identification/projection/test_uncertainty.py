@@ -9,7 +9,7 @@ import pytest
 
 import rpms_ros
 from rpms_ros.identification import estimator_by_name
-from rpms_ros.identification.estimation.batch import BatchEstimator, unexplained
+from rpms_ros.identification.estimation.batch import BatchEstimator
 from rpms_ros.identification.estimation.settings import ProjectionSettings
 from rpms_ros.identification.estimation.uncertainty import ResidualSums, identifiability
 from rpms_ros.identification.model.basis import LaguerreBasis
@@ -92,7 +92,7 @@ def test_a_steady_muscle_is_constant_under_a_sensor_that_drifts(living_sessions,
     estimator, estimate = fitted(what._replace(force=what.force + drift))
     assert estimate.doubts == ()
     # bench/constant_muscle.py: 0.5 % at the most, limit 1 %.
-    assert unexplained(estimator._problem, estimator._window.point)[:, 0].max() < 0.01
+    assert estimator.unexplained[:, 0].max() < 0.01
 
 
 @pytest.mark.long
@@ -119,7 +119,20 @@ def test_a_clock_that_jumps_back_is_no_change_of_the_muscle(living_sessions):
         estimator.update(what.stamp_ns[:half], what.force[:half], np.ones(half, dtype=np.bool_))
         estimator.forget_pulses()
     assert estimator.estimate(0, {}).doubts == ()
-    assert len(unexplained(estimator._problem, estimator._window.point)) > 3
+    assert len(estimator.unexplained) > 3
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(('muscle', 'seed'), [('arctan', 1), ('arctan', 3), ('boltzmann', 4)])
+def test_the_first_rise_of_a_sinusoid_raises_no_doubt(league, muscle, seed):
+    """A fit of the first rise predicts the next one badly, and the muscle is right."""
+    (time, force, onset, intensity), truth = league.session(muscle, 'sinusoid', seed)
+    found = rpms_ros.from_arrays(time, force, onset, intensity).identify('batch')
+    assert found.estimates.last.doubts == ()
+    assert found.verdict.grade == 'good'
+    error = np.abs(found.estimates.last.curve_force - truth).max()
+    # bench/league.py: .09 % of the maximum at the most
+    assert error < 0.002 * truth.max()
 
 
 @pytest.mark.long
