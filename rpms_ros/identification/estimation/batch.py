@@ -39,7 +39,11 @@ from rpms_ros.identification.estimation.window_fit import (
 )
 from rpms_ros.identification.model.estimate import DEFAULT_RATE, Estimate
 from rpms_ros.identification.model.recruitment import NONLINEAR
-from rpms_ros.identification.quality.doubts import NO_CONSTANT_MUSCLE, REASON, RESPONSE_MISFIT
+from rpms_ros.identification.quality.doubts import (
+    NO_CONSTANT_MUSCLE,
+    RESPONSE_MISFIT,
+    doubted,
+)
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, nanoseconds
 
 _FIRST_FIT_NS = NANOSECONDS_PER_SECOND
@@ -163,14 +167,8 @@ class BatchEstimator(ProjectionEstimator):
         self._fit_all(scouting=True, final=True)
         estimate, parts = super().estimate(stamp_ns, faults), self.unexplained
         share = parts[parts[:, 1] > _SIGNIFICANT, 0].max(initial=0.0)
-        if not estimate.curve_known or share <= _MISFIT:
-            return estimate
         doubt = NO_CONSTANT_MUSCLE if share > _CHANGED else RESPONSE_MISFIT
-        return replace(
-            estimate,
-            doubts=(*estimate.doubts, doubt),
-            reasons=(*estimate.reasons, REASON[doubt]),
-        )
+        return doubted(estimate, {doubt: share > _MISFIT})
 
     def _in_a_row(self, stamp_ns: IntArray) -> IntArray:
         """Return stamps [ns] that go on after a jump of the clock, far behind what was before."""

@@ -327,8 +327,8 @@ class FoundChange:
 
     Attributes
     ----------
-    stamp_ns, found_ns : int
-        Time of the change, and when it was found [ns].
+    stamp_ns : int
+        Time of the change [ns].
     kind : str
         `gain`, `thresholds` or `dynamics`.
     odds : float
@@ -336,7 +336,6 @@ class FoundChange:
     """
 
     stamp_ns: int
-    found_ns: int
     kind: str
     odds: float
 
@@ -408,7 +407,7 @@ class ChangeWatch(Restorable):
         self.count += 1
         self.found = [
             *self.found[1 - _REMEMBERED :],
-            FoundChange(best.before.stamp_ns, now_ns, best.kind, best.odds),
+            FoundChange(best.before.stamp_ns, best.kind, best.odds),
         ]
         return best
 

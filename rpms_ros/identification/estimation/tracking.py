@@ -75,8 +75,8 @@ from rpms_ros.identification.model.recruitment import (
 from rpms_ros.identification.quality.doubts import (
     DISTURBANCE_FOLLOWS,
     PULSES_TOO_FREQUENT,
-    REASON,
     RESIDUALS_ALIKE,
+    doubted,
 )
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray
 from rpms_ros.saved_state import Restorable
@@ -128,11 +128,8 @@ def described_fit(
     rest = float(np.median(fit.levels))
     full = float(np.abs(estimate.curve_force).max(initial=0.0))
     follows = follows_intensity(problem, fit, full)
-    possible = {RESIDUALS_ALIKE: _leaves_alike(fit), DISTURBANCE_FOLLOWS: follows}
-    doubts = [name for name, holds in possible.items() if holds and estimate.curve_known]
-    return replace(
+    described = replace(
         estimate,
-        doubts=(*estimate.doubts, *doubts),
         rate_names=names,
         rate=rate,
         rate_lower=rate - half,
@@ -142,11 +139,10 @@ def described_fit(
         change_ago=np.array([1e-9 * (estimate.stamp_ns - one.stamp_ns) for one in watch.found]),
         disturbance=float(fit.levels[-1]) - rest,
         disturbance_deviation=_level_deviation(fit, estimate.stamp_ns / INTERVAL_NS),
-        reasons=(
-            *_reasons(estimate, fit, watch.deliberating, tremor),
-            *(REASON[one] for one in doubts),
-        ),
+        reasons=_reasons(estimate, fit, watch.deliberating, tremor),
     )
+    doubts = {RESIDUALS_ALIKE: _leaves_alike(fit), DISTURBANCE_FOLLOWS: follows}
+    return doubted(described, doubts)
 
 
 def follows_intensity(problem: Problem, fit: WindowFit, full: float) -> bool:

@@ -393,6 +393,16 @@ class ResponseMisfit(Restorable):
         return shape > _SHAPE or gain > _GAIN
 
 
+def doubted(estimate: Estimate, holds: Mapping[str, bool]) -> Estimate:
+    """Return an estimate with the doubts that hold, and their reasons; none without a curve."""
+    found = [name for name, doubt in holds.items() if doubt and estimate.curve_known]
+    return replace(
+        estimate,
+        doubts=(*estimate.doubts, *found),
+        reasons=(*estimate.reasons, *(REASON[name] for name in found)),
+    )
+
+
 def stated_doubt(estimate: Estimate, name: str) -> str:
     """Return a doubt of an estimate by name, with its own reason or else what it means."""
     own = (reason for reason in estimate.reasons if reason.startswith(f'{name}: '))
@@ -454,16 +464,7 @@ class PlausibilityCheck(Restorable):
 
     def examine(self, estimate: Estimate) -> Estimate:
         """Return the estimate, with doubts and reasons added where it is impossible."""
-        if not estimate.curve_known:
-            return estimate
-        found = [name for name, wrong in self._wrong(estimate).items() if wrong]
-        if not found:
-            return estimate
-        return replace(
-            estimate,
-            doubts=(*estimate.doubts, *found),
-            reasons=(*estimate.reasons, *(REASON[name] for name in found)),
-        )
+        return doubted(estimate, self._wrong(estimate)) if estimate.curve_known else estimate
 
     def _wrong(self, estimate: Estimate) -> dict[str, bool]:
         """Return by the name of each doubt whether it applies, at intensities that were given."""
