@@ -487,8 +487,7 @@ class Guard:
         now = self._clock()
         if self._attempts and now - self._attempt_ns > _DISARM_INTERVAL_NS:
             self._disarm()
-        if self._listening is not None:
-            self._look_at_noise(now)
+        self._look_at_noise(now)
         if not self._live:
             return
         asked = self.line.outstanding

@@ -112,15 +112,15 @@
       ['schedule', one.schedule ? `${one.schedule}, segment ${one.segment} of ${one.segments}`
         : 'none runs'],
       ['time left', shown(one.time_left, 's')],
-      ['pulses', `${one.delivered} delivered, ${one.dropped} dropped, `
-        + `${one.unverified} not confirmed by the device`],
+      ['pulses', `${one.pulses_delivered} delivered, ${one.pulses_dropped} dropped, `
+        + `${one.pulses_unverified} not confirmed by the device`],
       ['dose of the patient', `${one.dose_pulses} pulses, ${shown(one.dose_energy, 'J')}`],
       ['coil', `${shown(one.coil_energy, 'J')}, temperature ${shown(one.coil_temperature, '°C')}`],
       ['largest intensity', one.maximum_intensity === null ? 'not known'
         : `${shown(100 * one.maximum_intensity, '%')} of the stimulator's maximum`],
       ['largest lateness', shown(1000 * (one.lateness_max || 0), 'ms')],
       ['device', one.device || 'not known'],
-      ['operator', one.operator ? `${one.operator}, enable ${one.enabled ? 'held' : 'not held'}`
+      ['operator', one.operator_id ? `${one.operator_id}, enable ${one.enabled ? 'held' : 'not held'}`
         : 'nobody'],
       ['stop buttons', one.buttons.map(([name, state]) => `${name} ${state}`).join(', ') || 'none'],
       ['faults', one.faults.map(([name, count]) => `${name} ${count}`).join(', ') || 'none'],
@@ -140,8 +140,8 @@
     write('glance', `${heard ? '' : 'old: '}${one.schedule
       ? `${one.time_left === null ? 'not known' : Math.ceil(one.time_left)} s left of ${one.schedule}` : 'no schedule runs'}; `
       + `dose ${one.dose_pulses} pulses, ${shown(one.dose_energy, 'J')}; `);
-    write('lost', `${one.dropped} dropped, ${one.unverified} not confirmed`);
-    element('lost').classList.toggle('some', one.dropped + one.unverified > 0);
+    write('lost', `${one.pulses_dropped} dropped, ${one.pulses_unverified} not confirmed`);
+    element('lost').classList.toggle('some', one.pulses_dropped + one.pulses_unverified > 0);
   }
   function writeTopics(topics) {
     rows('topic-rows', topics.map((one) => [one.name,

@@ -39,32 +39,30 @@ BUTTONS = ('released', 'pressed', 'silent', 'unknown')
 STOPPED = 'stopped'
 
 
+# Fields of a status of the driver that are shown as they are, by how JSON takes them.
+_SHOWN: Mapping[Callable[[Any], object], tuple[str, ...]] = {
+    text: ('reason', 'schedule', 'device', 'operator_id'),
+    bool: ('enabled',),
+    int: (
+        *('pulses_delivered', 'pulses_dropped', 'pulses_unverified'),
+        *('segments', 'dose_pulses'),
+    ),
+    number: (
+        *('time_left', 'lateness_max', 'maximum_intensity'),
+        *('coil_energy', 'coil_temperature', 'dose_energy'),
+    ),
+}
+
+
 def driver_view(message: Any) -> dict[str, Any]:
     """Return an rpms_msgs/DriverStatus as JSON takes it."""
+    buttons = [_word(BUTTONS, state) for state in message.button_states]
     return {
+        **{name: how(getattr(message, name)) for how, names in _SHOWN.items() for name in names},
         'state': _word(STATES, message.state),
-        'reason': text(message.reason),
-        'schedule': text(message.schedule),
         'segment': int(message.segment) + 1 if message.segments else 0,
-        'segments': int(message.segments),
-        'time_left': number(message.time_left),
-        'commanded': int(message.pulses_commanded),
-        'delivered': int(message.pulses_delivered),
-        'dropped': int(message.pulses_dropped),
-        'unverified': int(message.pulses_unverified),
-        'coil_energy': number(message.coil_energy),
-        'coil_temperature': number(message.coil_temperature),
-        'lateness_max': number(message.lateness_max),
-        'device': text(message.device),
-        'maximum_intensity': number(message.maximum_intensity),
-        'operator': text(message.operator_id),
-        'enabled': bool(message.enabled),
-        'dose_pulses': int(message.dose_pulses),
-        'dose_energy': number(message.dose_energy),
         'faults': _pairs(message.fault_names, [int(count) for count in message.fault_counts]),
-        'buttons': _pairs(
-            message.button_names, [_word(BUTTONS, state) for state in message.button_states]
-        ),
+        'buttons': _pairs(message.button_names, buttons),
     }
 
 
@@ -164,31 +162,11 @@ def estimate_view(estimate: Estimate, origin_ns: int) -> dict[str, Any]:
         'output_error': number(estimate.output_error),
         'confidence': number(estimate.confidence),
         'rate': number(estimate.repetition_rate),
-        'curve': _curve(
-            estimate.curve_intensity,
-            estimate.curve_force,
-            estimate.curve_lower,
-            estimate.curve_upper,
-        ),
-        'response': _curve(
-            estimate.response_time,
-            estimate.response_force,
-            estimate.response_lower,
-            estimate.response_upper,
-        ),
+        'curve': _curve(estimate, 'curve', 'intensity'),
+        'response': _curve(estimate, 'response', 'time'),
         'parameters': _parameters(estimate, unit),
-        'physiology': _rows(
-            (estimate.physiology_names, PARAMETERS, unit),
-            estimate.physiology,
-            estimate.physiology_lower,
-            estimate.physiology_upper,
-        ),
-        'rates': _rows(
-            (estimate.rate_names, RATES, unit),
-            estimate.rate,
-            estimate.rate_lower,
-            estimate.rate_upper,
-        ),
+        'physiology': _bounded(estimate, 'physiology', PARAMETERS, unit),
+        'rates': _bounded(estimate, 'rate', RATES, unit),
         'changes': estimate.changes,
         'marks': [
             [text(kind), number(stamp - ago)]
@@ -209,17 +187,26 @@ def estimate_view(estimate: Estimate, origin_ns: int) -> dict[str, Any]:
     }
 
 
-def _curve(
-    along: FloatArray, force: FloatArray, lower: FloatArray, upper: FloatArray
-) -> dict[str, Any] | None:
-    if not len(force) or len(force) != len(along):
+def _curve(estimate: Estimate, name: str, along: str) -> dict[str, Any] | None:
+    """Return a line of an estimate with its band, None in place of what does not fit to it."""
+    parts = {'along': along, 'force': 'force', 'lower': 'lower', 'upper': 'upper'}
+    lines = {part: getattr(estimate, f'{name}_{field}') for part, field in parts.items()}
+    count = len(lines['along'])
+    if not count or len(lines['force']) != count:
         return None
-    shown = thinned(len(along), MOST_POINTS)
-    lines = {'along': along, 'force': force, 'lower': lower, 'upper': upper}
+    shown = thinned(count, MOST_POINTS)
     return {
-        name: numbers(line[shown]) if len(line) == len(along) else None
-        for name, line in lines.items()
+        part: numbers(line[shown]) if len(line) == count else None for part, line in lines.items()
     }
+
+
+def _bounded(
+    estimate: Estimate, name: str, known: Mapping[str, tuple[str, float]], unit: str
+) -> list[list[Any]]:
+    """Return rows of quantities of an estimate that have a name, a value and two bounds."""
+    names: tuple[str, ...] = getattr(estimate, f'{name}_names')
+    values = (getattr(estimate, f'{name}{end}') for end in ('', '_lower', '_upper'))
+    return _rows((names, known, unit), *values)
 
 
 def _rows(

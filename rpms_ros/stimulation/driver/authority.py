@@ -174,6 +174,14 @@ class Authority:
     def problem(self, now_ns: int) -> str | None:
         """Return why the operator does not keep the driver armed, None if they do."""
         with self._lock:
+            silence = self._silence(now_ns)
+            if silence is None and not self.enabled:
+                return f'expected {self.operator} to hold the enable, got it released'
+            return silence
+
+    def _silence(self, now_ns: int) -> str | None:
+        """Return why the operator counts as gone, None if they are there."""
+        with self._lock:
             if self._doubt:
                 return self._doubt
             if self._seen_ns is None:
@@ -184,17 +192,12 @@ class Authority:
                     f'expected a heartbeat of {self.operator} within {self._timeout_s:g} s, '
                     f'got none for {age_s:.3g} s'
                 )
-            if not self.enabled:
-                return f'expected {self.operator} to hold the enable, got it released'
             return None
 
     def released_enable(self, now_ns: int) -> bool:
         """Return whether nothing is wrong except that the operator has released the enable."""
         with self._lock:
-            enabled, self.enabled = self.enabled, True
-            alive = self.problem(now_ns) is None
-            self.enabled = enabled
-            return alive and not enabled
+            return self._silence(now_ns) is None and not self.enabled
 
     def release(self) -> None:
         """Release the operator: the token is no longer accepted."""
