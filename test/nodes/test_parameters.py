@@ -64,18 +64,18 @@ class Example(NodeParameters):
             raise NodeError(f'expected a gain up to limit {self.limit}, got {self.gain}')
 
 
-def declare(context, **values):
-    overrides = [Parameter(name, value=value) for name, value in values.items()]
-    node = Node(
-        'example', context=context, parameter_overrides=overrides, use_global_arguments=False
-    )
-    return node, declare_parameters(node, Example)
-
-
 @dataclass(frozen=True)
 class Names(NodeParameters):
     names: tuple[str, ...] = parameter((), 'Names.')
     words: tuple[str, ...] = parameter(('a',), 'Words.')
+
+
+def declare(context, settings=Example, **values):
+    overrides = [Parameter(name, value=value) for name, value in values.items()]
+    node = Node(
+        'example', context=context, parameter_overrides=overrides, use_global_arguments=False
+    )
+    return node, declare_parameters(node, settings)
 
 
 class _NoTerminal:
@@ -105,22 +105,15 @@ def test_defaults_and_overrides_come_back(context):
 
 
 def test_a_list_may_be_empty_where_it_is_so_by_default(context):
-    def declared(**values):
-        overrides = [Parameter(name, value=value) for name, value in values.items()]
-        node = Node(
-            'names', context=context, parameter_overrides=overrides, use_global_arguments=False
-        )
-        settings = declare_parameters(node, Names)
-        return node.get_parameter('names'), settings
-
     # ROS gives no type to an empty list of a file, and that of bytes to one of Python
     for values in ({}, {'names': None}, {'names': []}):
-        found, settings = declared(**values)
+        node, settings = declare(context, Names, **values)
+        found = node.get_parameter('names')
         assert (found.type_, found.value) == (Parameter.Type.STRING_ARRAY, [])
         assert settings == Names()
-    assert declared(names=['b'])[1] == Names(names=('b',))
+    assert declare(context, Names, names=['b'])[1] == Names(names=('b',))
     with pytest.raises(NodeError, match='parameter words: expected string array, got byte array'):
-        declared(words=[])
+        declare(context, Names, words=[])
 
 
 def test_a_descriptor_says_what_the_field_says(context):

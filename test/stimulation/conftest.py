@@ -261,11 +261,15 @@ def fake(instrument):
 @pytest.fixture
 def patient_device():
     """Build a serial device that waits for a machine under load: instrument, guard and test."""
+    built = []
 
     def build(port, **options):
-        return SerialDevice(port, timeout_s=5.0, beat_limit_s=20.0, **options)
+        built.append(SerialDevice(port, timeout_s=5.0, beat_limit_s=20.0, **options))
+        return built[-1]
 
-    return build
+    yield build
+    for each in built:
+        each.close()
 
 
 @pytest.fixture
@@ -273,8 +277,7 @@ def device(fake, patient_device):
     """The serial device on it, open."""
     real = patient_device(fake.port)
     real.open()
-    yield real
-    real.close()
+    return real
 
 
 @pytest.fixture

@@ -70,7 +70,6 @@ def test_intensity_is_read_back_from_every_published_version(
     # a byte takes 1.04 ms, the command has three
     assert device.read_back_s == pytest.approx((3 + read_back) / 960 + 0.003)
     assert armed(device, 0.37).read_back().intensity == 0.37
-    device.close()
 
 
 def test_instrument_that_does_not_tell_its_version_leaves_the_intensity_unverified(
@@ -86,7 +85,6 @@ def test_instrument_that_does_not_tell_its_version_leaves_the_intensity_unverifi
     assert device.read_back().intensity is None
     assert device.fire(0.4, MAGNETIC_PULSE_WIDTH).unverified == {'delivery', 'intensity'}
     assert b'\\@' not in fake.frames
-    device.close()
 
 
 def test_temperature_that_does_not_fit_before_the_pulse_is_left_out(fake, patient_device):
@@ -99,7 +97,6 @@ def test_temperature_that_does_not_fit_before_the_pulse_is_left_out(fake, patien
     fake.temperatures = '311', '320'
     assert device.prepare(0.5, spare_s=0.025).temperature == 32.0
     assert fake.frames[-2:] == [b'@050', b'F@']
-    device.close()
 
 
 def test_foreign_command_between_two_pulses_gives_no_pulse_of_its_intensity(
@@ -293,7 +290,6 @@ def test_temperature_is_asked_for_every_two_seconds(fake, patient_device):
     fake.temperatures = 'xyz', '251'
     with pytest.raises(DeviceError, match='expected two temperatures in tenths of a degree, got'):
         device.keep_alive()
-    device.close()
 
 
 @pytest.mark.parametrize(
@@ -351,7 +347,6 @@ def test_failed_opening_lets_go_of_the_port(fake, patient_device):
     assert not fake.remote
     # and once more
     device.open()
-    device.close()
 
 
 def test_port_is_held_by_one_driver(fake, device, patient_device):
@@ -430,7 +425,6 @@ def test_the_guard_has_the_priority_of_the_driver(fake, patient_device):
         assert os.sched_getscheduler(device.guard_pid) == os.SCHED_BATCH
     finally:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-        device.close()
 
 
 def test_a_guard_that_is_stopped_does_not_keep_the_port(fake, device, wait_for, armed):
