@@ -62,7 +62,6 @@ from rpms_ros.nodes.common.diagnostics import (
 from rpms_ros.nodes.common.parameters import (
     NodeParameters,
     declare_parameters,
-    follow_parameters,
     parameter,
 )
 from rpms_ros.nodes.common.qos import Ear, Taken, second_node
@@ -115,11 +114,10 @@ class IdentifierParameters(NodeParameters):
     )
     estimate_period: float = parameter(
         _STREAM.estimate_period,
-        'Stamps between two estimates; may be changed while the node runs.',
+        'Stamps between two estimates.',
         unit='s',
         minimum=0.001,
         maximum=3600.0,
-        dynamic=True,
     )
     largest_force: float = parameter(
         _STREAM.largest_force,
@@ -432,7 +430,6 @@ class Identifier(NodeOfParts):
             ('load_state', StateFile, lambda request: self._load(request.path)),
         ):
             self.create_service(kind, f'~/{name}', self._answering(act))
-        follow_parameters(self, self.settings, self._change)
         every(self, _LOOK_PERIOD, self._process)
         every(self, PERIOD_S, self._report)
         self._say_what_is_done()
@@ -497,11 +494,6 @@ class Identifier(NodeOfParts):
             return response
 
         return answer
-
-    def _change(self, settings: IdentifierParameters) -> None:
-        self.settings = settings
-        self.stream.change(stream_settings(settings))
-        logger_of(self).info(f'estimates every {settings.estimate_period:g} s from now on')
 
     def _take(self) -> None:
         """Pass what has come to the stream."""

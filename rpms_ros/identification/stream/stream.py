@@ -490,23 +490,6 @@ class IdentificationStream(RestorableWithSettings):
             )
         return super().state()
 
-    def change(self, settings: StreamSettings) -> None:
-        """Make estimates at another period from now on.
-
-        Raises
-        ------
-        IdentificationError
-            If anything else differs: it must not change while samples wait.
-        """
-        if replace(settings, estimate_period=self.settings.estimate_period) != self.settings:
-            raise IdentificationError(
-                f'expected settings that differ in the estimate period alone, got {settings}'
-            )
-        self.settings = settings
-        self._period_ns = nanoseconds(settings.estimate_period)
-        if self._cell is not None:
-            self._cell = self._last_ns // self._period_ns
-
     def advance(self) -> list[Estimate]:
         """Process the samples that have waited long enough; return the estimates due."""
         if self._intake.newest_ns is not None:
