@@ -115,6 +115,25 @@ def test_heartbeat_and_enable_keep_it_armed(authority):
     assert authority.problem(SECOND + 2) is None
 
 
+def test_a_released_enable_is_at_no_moment_shown_as_held(authority, monkeypatch):
+    ada = Operator(authority).request()
+    ada.beat(0)
+    ada.confirm(0)
+    assert not authority.released_enable(0)
+    ada.beat(1, enable=False)
+    shown = []
+
+    def looked_at(seconds):
+        # as by the thread that publishes the status
+        shown.append(authority.enabled)
+        return round(seconds * SECOND)
+
+    monkeypatch.setattr('rpms_ros.stimulation.driver.authority.nanoseconds', looked_at)
+    assert authority.released_enable(1)
+    assert not authority.released_enable(SECOND)
+    assert set(shown) == {False}
+
+
 def test_a_stranger_does_not_keep_it_armed(authority):
     ada = Operator(authority).request()
     ada.beat(0)
