@@ -58,17 +58,13 @@ def use_cache_of(package: Path) -> None:
         with suppress(OSError):
             folder.mkdir(parents=True, exist_ok=True)
             if os.access(folder, os.W_OK):
-                _use(folder)
+                folder.touch()
+                os.environ[_VARIABLE] = str(folder)
+                if 'numba' in sys.modules:
+                    # It has read its environment already.
+                    sys.modules['numba'].config.CACHE_DIR = str(folder)
                 _forget_old_states(base)
                 return
-
-
-def _use(folder: Path) -> None:
-    folder.touch()
-    os.environ[_VARIABLE] = str(folder)
-    if 'numba' in sys.modules:
-        # It has read its environment already.
-        sys.modules['numba'].config.CACHE_DIR = str(folder)
 
 
 def _forget_old_states(base: Path) -> None:

@@ -152,7 +152,7 @@ def plain(value: Any) -> Any:
     if isinstance(value, Restorable):
         return value.state()
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {field.name: plain(getattr(value, field.name)) for field in _fields(type(value))}
+        return {one.name: plain(getattr(value, one.name)) for one in dataclasses.fields(value)}
     if isinstance(value, tuple) and hasattr(value, '_fields'):
         return {name: plain(item) for name, item in zip(value._fields, value, strict=True)}
     if isinstance(value, Mapping):
@@ -207,17 +207,13 @@ def _container(origin: Any, arguments: tuple[Any, ...], value: Any, where: str) 
 
 def _record(kind: Any, value: Any, where: str) -> Any:
     hints = get_type_hints(kind)
-    names = kind._fields if hasattr(kind, '_fields') else [one.name for one in _fields(kind)]
+    names = getattr(kind, '_fields', None) or [one.name for one in dataclasses.fields(kind)]
     expect(isinstance(value, Mapping) and set(value) == set(names), where, kind.__name__)
     fields = {name: typed(hints[name], value[name], f'{where}.{name}') for name in names}
     try:
         return kind(**fields)
     except ValueError as error:
         raise IdentificationError(f'saved {where}: {error}') from error
-
-
-def _fields(kind: Any) -> tuple[dataclasses.Field[Any], ...]:
-    return dataclasses.fields(kind)
 
 
 def write_state(path: Path | str, document: State) -> None:

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Made-up estimates of a session, for what is said and drawn of them over time."""
 
-from typing import Any
-
 import numpy as np
 
 from rpms_ros.identification import Estimate, IdentifiedSession
@@ -13,7 +11,7 @@ PERIOD_NS = 500_000_000
 NAMES = ('u_thr', 'u_sat', 'alpha_sat', 'alpha_thr')
 
 
-def estimate(index: int, force: float = 10.0, half: float = 0.1, **fields: Any) -> Estimate:
+def estimate(index, force=10.0, half=0.1, **fields):
     """Return the estimate at `index` periods; `force` with its half interval [N]."""
     shape = np.clip((CURVE_INTENSITY - 0.5) / 0.5, 0.0, 1.0)
     return Estimate(
@@ -46,7 +44,7 @@ def estimate(index: int, force: float = 10.0, half: float = 0.1, **fields: Any) 
     )
 
 
-def session_of(estimates: list[Estimate]) -> IdentifiedSession:
+def session_of(estimates):
     """Return a session with these estimates and a force between 0 and 10 N."""
     stamps = np.arange(0, estimates[-1].stamp_ns + 1, 10_000_000)
     force = 5.0 - 5.0 * np.cos(1e-8 * stamps)

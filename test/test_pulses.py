@@ -29,13 +29,6 @@ def test_a_train_of_pulses_keeps_order_and_bits():
     assert train.sequence.dtype == np.int64
 
 
-def test_no_pulses_are_a_train_too():
-    train = PulseTrain.of([])
-    assert len(train) == 0
-    assert train.onset_ns.dtype == np.int64
-    assert train.intensity.dtype == np.float64
-
-
 @given(st.floats(0.5, 1000.0), st.integers(0, 500), st.integers(0, EPOCH_NS))
 def test_a_regular_train_never_drifts(rate_hz, index, start_ns):
     train = PulseTrain.regular(np.full(index + 1, 0.5), rate_hz, start_ns)

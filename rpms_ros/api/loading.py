@@ -16,7 +16,6 @@ from rpms_ros.identification import DEFAULT_RATE
 from rpms_ros.pulses import MAGNETIC_PULSE_WIDTH, NANOSECONDS_PER_SECOND, ForceTrace, PulseTrain
 from rpms_ros.recording import Recording, RecordingFacts, Topics, read_recording
 from rpms_ros.recording.importing import (
-    Ambiguous,
     Imported,
     ImportOptions,
     import_file,
@@ -109,8 +108,7 @@ def load(
     ------
     RecordingError
         If there is nothing at the path, it cannot be read, pulses or force are missing, or it
-        cannot be guessed what is what: the message has what was guessed so far, and names the
-        keyword that decides.
+        cannot be guessed what is what: the message names the keyword that decides.
 
     Examples
     --------
@@ -255,11 +253,7 @@ def _imported(place: Path, options: ImportOptions, sign: int, quantity: str) -> 
         found = import_file(place, options)
         recording = recording_of(found, place, storage, sign, quantity)
     except RecordingError as error:
-        text = str(error)
-        if isinstance(error, Ambiguous) and error.decided:
-            guess = '; '.join(f'{label} {what}' for label, what in error.decided)
-            text += f' (so far: {guess})'
-        raise RecordingError(_with_keywords(text)) from error
+        raise RecordingError(_with_keywords(str(error))) from error
     told = tuple((label, _with_keywords(text)) for label, text in found.facts)
     return Session(name=place.stem, recording=recording, imported=told)
 

@@ -16,8 +16,8 @@ import numpy as np
 from rpms_ros import estimate_messages, messages
 from rpms_ros.api.loading import as_recording
 from rpms_ros.api.session import Session
-from rpms_ros.errors import MuscleError, RecordingError, StimulationError, check_seed
-from rpms_ros.muscle import SUBJECTS, Contraction, Subject, random_subject, subject_by_name
+from rpms_ros.errors import RecordingError, StimulationError
+from rpms_ros.muscle import Contraction, Subject, subject_by_name
 from rpms_ros.muscle.scenario import Scenario, load_scenario
 from rpms_ros.muscle.simulation import Surroundings, Truth, simulate_session
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, IntArray
@@ -95,7 +95,7 @@ def simulate(
     >>> len(session.pulses), session.info()['force_rate_hz']
     (180, 1000.0)
     """
-    muscle = subject if isinstance(subject, Subject) else named_subject(subject, seed)
+    muscle = subject if isinstance(subject, Subject) else subject_by_name(subject, seed)
     named = isinstance(schedule, str) and schedule in SCHEDULES
     if not isinstance(schedule, Schedule):
         schedule = named_schedule(str(schedule), duration, pulse_rate_hz, seed, intensity)
@@ -144,23 +144,6 @@ def named_schedule(
             f'expected a schedule of {", ".join(SCHEDULES)} or a file, got {name}'
         )
     return load_schedule(path)
-
-
-def named_subject(name: str, seed: int) -> Subject:
-    """Return a subject by its name; ``random`` draws one.
-
-    Raises
-    ------
-    MuscleError
-        If there is no such subject, or the seed of a random one is none.
-    """
-    if name != 'random':
-        # which knows presets only
-        if name not in SUBJECTS:
-            raise MuscleError(f'expected a subject of {", ".join(SUBJECTS)}, random, got {name!r}')
-        return subject_by_name(name)
-    check_seed(seed, MuscleError)
-    return random_subject(np.random.default_rng(seed))
 
 
 def sample_times(length_s: float, rate_hz: float) -> IntArray:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rpms_ros.cli.options import Subparsers, add_command, add_option
+from rpms_ros.printable import printable
 
 if TYPE_CHECKING:
     from rpms_ros.stimulation.records.append_only import Audit, Record
@@ -59,7 +60,7 @@ def report(path: Path, found: 'Audit', kinds: frozenset[str] | None = None) -> l
     if first.get('purpose') == 'dose ledger':
         return [*lines, *_ledger(found.records)]
     counts = Counter(str(record.content['kind']) for record in found.records[1:])
-    said = ', '.join(f'{_printable(kind)} {count}' for kind, count in sorted(counts.items()))
+    said = ', '.join(f'{printable(kind)} {count}' for kind, count in sorted(counts.items()))
     lines.append(f'  records      {said or "none"}')
     for record in found.records[1:]:
         if kinds is None or record.content['kind'] in kinds or record.content['kind'] == 'session':
@@ -93,11 +94,11 @@ def _line(record: 'Record') -> str:
     said = _fields(fields)
     if content['kind'] == 'session':
         return f'session at {time} UTC: {said}'
-    return f'  {time[11:]}  {_printable(str(content["kind"])):<12} {said}'
+    return f'  {time[11:]}  {printable(str(content["kind"])):<12} {said}'
 
 
 def _fields(fields: Mapping[str, Any]) -> str:
-    return ', '.join(f'{_printable(name)} {_value(value)}' for name, value in fields.items())
+    return ', '.join(f'{printable(name)} {_value(value)}' for name, value in fields.items())
 
 
 def _value(value: Any) -> str:
@@ -107,12 +108,7 @@ def _value(value: Any) -> str:
         return f'[{", ".join(_value(item) for item in value)}]'
     if isinstance(value, float):
         return f'{value:g}'
-    return _printable(str(value))
-
-
-def _printable(text: str) -> str:
-    """Return a text that does nothing to a terminal: what is logged may come from anybody."""
-    return text if text.isprintable() else ascii(text)[1:-1]
+    return printable(str(value))
 
 
 def _ledger(records: 'tuple[Record, ...]') -> list[str]:

@@ -3,9 +3,6 @@
 """``rpms demo``: all nodes on this machine, with a simulated muscle whose parameters are known."""
 
 import argparse
-import shutil
-import socket
-import sys
 import time
 from dataclasses import replace
 from datetime import datetime
@@ -40,7 +37,8 @@ otherwise, 2 if it could not run.
 RATE = 20.0
 FORCE_RATE = 1000.0
 PORT = 8765
-_TTY_PERIOD, _PLAIN_PERIOD = 0.2, 5.0
+# Between two lines that say how it goes [s].
+_PERIOD = 5.0
 
 
 def add_demo(subparsers: Subparsers) -> None:
@@ -109,7 +107,6 @@ def run(arguments: argparse.Namespace) -> int:
     print(f'three nodes, one recording, in {folder}', flush=True)
     with SimulationLauncher(folder, settings) as launcher:
         if arguments.live is not None:
-            _await_page(launcher, arguments.live)
             print(f'in the browser: http://127.0.0.1:{arguments.live}/', flush=True)
         _watch(launcher, subject, arguments.duration, arguments.quiet)
         launcher.stop()
@@ -148,21 +145,6 @@ def simulation_settings(arguments: argparse.Namespace) -> 'SimulationSettings':
     )
 
 
-def _await_page(launcher: 'SimulationLauncher', port: int) -> None:
-    """Return when the live page answers: whoever opens it before sees an error of the browser."""
-    from rpms_ros.nodes.simulation_launcher import STARTUP_LIMIT
-
-    end = time.monotonic() + STARTUP_LIMIT
-    while time.monotonic() < end:
-        try:
-            socket.create_connection(('127.0.0.1', port), timeout=1.0).close()
-        except OSError:
-            launcher.step(0.1)
-        else:
-            return
-    raise NodeError(f'expected the live page to answer within {STARTUP_LIMIT:.0f} s')
-
-
 def _watch(
     launcher: 'SimulationLauncher', subject: 'Subject', duration: float, quiet: bool
 ) -> None:
@@ -173,8 +155,7 @@ def _watch(
     from rpms_ros.nodes.simulation_launcher import STARTUP_LIMIT
 
     started = time.monotonic()
-    period = _TTY_PERIOD if sys.stdout.isatty() else _PLAIN_PERIOD
-    shown = -period
+    shown = -_PERIOD
     while not launcher.monitor.done:
         launcher.step(0.1)
         elapsed = time.monotonic() - started
@@ -182,13 +163,12 @@ def _watch(
             raise NodeError(f'expected the driver to run within {STARTUP_LIMIT:.0f} s')
         if elapsed > STARTUP_LIMIT + 2 * duration:
             raise NodeError(f'expected the schedule to end after {duration:g} s')
-        # where nothing can be written over, that the nodes are starting is said once
-        new = shown < 0.0 or launcher.monitor.estimates or sys.stdout.isatty()
-        if elapsed - shown >= period and new and not quiet:
+        # that the nodes are starting is said once
+        new = shown < 0.0 or launcher.monitor.estimates
+        if elapsed - shown >= _PERIOD and new and not quiet:
             shown = elapsed
             _show(launcher, subject, duration, elapsed)
     _show(launcher, subject, duration, time.monotonic() - started)
-    print(flush=True)
     status = launcher.monitor.status
     if status is not None and status.fault_names:
         faults = zip(status.fault_names, status.fault_counts, strict=True)
@@ -220,12 +200,7 @@ def _show(
             f'samples {counts["force"]} (lost {lost})  '
             f'pulses {counts["pulses"]} (dropped {status.pulses_dropped})'
         )
-    if sys.stdout.isatty():
-        # a line that wraps could not be written over
-        width = shutil.get_terminal_size().columns - 3
-        print(f'\r  {line[:width]}\x1b[K', end='', flush=True)
-    else:
-        print(f'  {line}', flush=True)
+    print(f'  {line}', flush=True)
 
 
 def _report(

@@ -80,7 +80,7 @@ def add_simulate(subparsers: Subparsers) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Simulate and record the session."""
     from rpms_ros.api import simulating
-    from rpms_ros.muscle.contraction import Contraction
+    from rpms_ros.muscle import Contraction, subject_by_name
     from rpms_ros.muscle.scenario import Scenario, load_scenario
     from rpms_ros.muscle.simulation import Surroundings, simulate_session
     from rpms_ros.recording import write_recording
@@ -95,7 +95,7 @@ def run(arguments: argparse.Namespace) -> int:
     schedule = simulating.named_schedule(
         arguments.schedule, arguments.duration, rate, seed, arguments.intensity
     )
-    subject = simulating.named_subject(arguments.subject, seed)
+    subject = subject_by_name(arguments.subject, seed)
     from_file = arguments.schedule not in simulating.SCHEDULES
     _refuse_what_has_no_effect(arguments, from_file)
     fixed_rate = None if arguments.own_rates or from_file else rate

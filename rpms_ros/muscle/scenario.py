@@ -9,7 +9,7 @@ depends on time alone, so the result does not depend on how samples are cut into
 
 import math
 import typing
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
@@ -162,14 +162,6 @@ EFFORTS: dict[str, type[Effort]] = {
     effort.kind: effort for effort in (VoluntaryEffort, Spasm, Tremor, Bump)
 }
 """Kinds of effort by their names in a scenario."""
-
-
-def total_effort(efforts: Sequence[Effort], time: FloatArray) -> FloatArray:
-    """Return the sum of all efforts [N] at times from the start (samples,) [s]."""
-    total = np.zeros(len(time))
-    for effort in efforts:
-        total += effort.force(time)
-    return total
 
 
 def _since(time: FloatArray, at: float, every: float | None) -> FloatArray:

@@ -15,7 +15,7 @@ from fractions import Fraction
 import numpy as np
 
 from rpms_ros.muscle.contraction import Contraction, MuscleState
-from rpms_ros.muscle.scenario import Scenario, total_effort
+from rpms_ros.muscle.scenario import Scenario
 from rpms_ros.muscle.sensor import Disturbances, FaultySensor, Sensor
 from rpms_ros.muscle.subject import REFERENCE_RATE, Subject
 from rpms_ros.pulses import (
@@ -54,7 +54,7 @@ class Surroundings:
     def effort(self, stamp_ns: IntArray) -> FloatArray:
         """Return the force that the stimulation does not cause [N] (samples,)."""
         time = (stamp_ns - self._start_ns) / NANOSECONDS_PER_SECOND
-        return total_effort(self.scenario.efforts, time)
+        return sum((one.force(time) for one in self.scenario.efforts), np.zeros(len(time)))
 
     def measured(self, stamp_ns: IntArray, force: FloatArray, recent: PulseTrain) -> ForceTrace:
         """Return the samples of the sensor.

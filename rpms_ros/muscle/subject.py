@@ -12,7 +12,7 @@ from enum import Enum
 import numpy as np
 import numpy.typing as npt
 
-from rpms_ros.errors import MuscleError, check_number
+from rpms_ros.errors import MuscleError, check_number, check_seed
 from rpms_ros.muscle.recruitment import IntensityRecruitment, RateRecruitment
 from rpms_ros.muscle.twitch import twitch_area
 from rpms_ros.pulses import FloatArray
@@ -143,14 +143,17 @@ SUBJECTS = {
 """Presets by name, for command lines and node parameters."""
 
 
-def subject_by_name(name: str) -> Subject:
-    """Return a preset of `SUBJECTS`.
+def subject_by_name(name: str, seed: int = 0) -> Subject:
+    """Return a preset of `SUBJECTS`, or a muscle that is drawn: ``random``.
 
     Raises
     ------
     MuscleError
-        If there is no such preset.
+        If there is no such subject, or the seed of a random one is none.
     """
+    if name == 'random':
+        check_seed(seed, MuscleError)
+        return random_subject(np.random.default_rng(seed))
     if name not in SUBJECTS:
-        raise MuscleError(f'expected a subject of {", ".join(SUBJECTS)}, got {name!r}')
+        raise MuscleError(f'expected a subject of {", ".join(SUBJECTS)}, random, got {name!r}')
     return SUBJECTS[name]()

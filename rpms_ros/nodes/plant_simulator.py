@@ -11,14 +11,13 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 from geometry_msgs.msg import WrenchStamped
 
 from rpms_msgs.msg import MuscleTruth, Pulse as PulseMessage
 from rpms_ros import estimate_messages, messages
 from rpms_ros.axis import FORCE, UNITS
 from rpms_ros.errors import LARGEST_SEED, MuscleError, NodeError
-from rpms_ros.muscle import SUBJECTS, Contraction, Subject, random_subject, subject_by_name
+from rpms_ros.muscle import SUBJECTS, Contraction, Subject, subject_by_name
 from rpms_ros.muscle.scenario import Scenario, load_scenario
 from rpms_ros.muscle.simulation import SampledPlant, Surroundings
 from rpms_ros.nodes.common import qos, topics
@@ -80,9 +79,7 @@ class PlantParameters(NodeParameters):
 
 def subject_of(settings: PlantParameters) -> Subject:
     """Return the preset."""
-    if settings.subject == RANDOM:
-        return random_subject(np.random.default_rng(settings.seed))
-    return subject_by_name(settings.subject)
+    return subject_by_name(settings.subject, settings.seed)
 
 
 def scenario_of(settings: PlantParameters) -> Scenario:

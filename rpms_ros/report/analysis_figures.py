@@ -336,6 +336,7 @@ def save_figure(figure: Figure, *paths: Path) -> None:
     """
     for path in paths:
         try:
+            path.parent.mkdir(parents=True, exist_ok=True)
             figure.savefig(path)
         except (OSError, ValueError) as error:
             raise ReportError(f'expected a figure file to write, got {path}: {error}') from error

@@ -228,11 +228,7 @@ def _interval(interval: Interval, text: str) -> str:
 
 
 def _spread(mean: float, spread: float, digits: int = 2) -> str:
-    return f'{_milliseconds(mean, spread, digits)} ms'
-
-
-def _milliseconds(mean: float, spread: float, digits: int = 2) -> str:
-    return _plus_minus(mean * 1e3, spread * 1e3, digits)
+    return f'{_plus_minus(mean * 1e3, spread * 1e3, digits)} ms'
 
 
 def _plus_minus(mean: float, spread: float, digits: int = 2) -> str:

@@ -28,7 +28,6 @@ from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
 
 from rpms_ros.axis import QUANTITIES
-from rpms_ros.errors import ReportError
 from rpms_ros.identification import IdentifiedSession
 from rpms_ros.identification.analysis import SummationAnalysis
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, PulseTrain
@@ -490,17 +489,12 @@ def write_figures(folder: Path, report: SessionReport) -> list[Path]:
     ReportError
         If they cannot be written.
     """
-    written = []
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for name in names_of(report):
-            with style():
-                figure = draw(name, report)
-                for ending in ('png', 'svg'):
-                    written.append(folder / f'{name}.{ending}')
-                    figure.savefig(written[-1])
-    except OSError as error:
-        raise ReportError(f'expected to write figures into {folder}, got {error}') from error
+    written: list[Path] = []
+    for name in names_of(report):
+        paths = [folder / f'{name}.{ending}' for ending in ('png', 'svg')]
+        with style():
+            save_figure(draw(name, report), *paths)
+        written += paths
     return written
 
 

@@ -23,7 +23,6 @@ def table(path, name='trial.csv'):
 
 def test_info_says_what_the_session_holds():
     session = rpms_ros.load(str(SAMPLE))
-    assert '<tr><th>samples</th><td>30000' in session._repr_html_()
     info = session.info()
     assert info['path'] == str(SAMPLE)
     numbers = ('samples', 'pulses', 'force_rate_hz', 'pulse_rate_hz')
@@ -93,15 +92,12 @@ def test_what_is_what_is_guessed_and_told(tmp_path):
         rpms_ros.load(table(tmp_path), columns=COLUMNS, sign=0)
 
 
-def test_what_cannot_be_guessed_names_the_keyword_and_the_guess(tmp_path):
+def test_what_cannot_be_guessed_names_the_keyword(tmp_path):
     path = tmp_path / 'trial.csv'
     path.write_text('t;a [N];b [N];gate\n' + '\n'.join(f'{k};1;2;{k % 9 == 5}' for k in range(40)))
     path.write_text(path.read_text().replace('True', '5').replace('False', '0'))
-    message = r"got 'a \[N\]', 'b \[N\]': force= decides \(so far: time 't' in ms.*pulses 'gate'\)"
-    with pytest.raises(RpmsError, match=message) as refused:
+    with pytest.raises(RpmsError, match=r"got 'a \[N\]', 'b \[N\]': force= decides"):
         rpms_ros.load(path)
-    assert '(time_unit= decides)' in str(refused.value)
-    assert '--' not in str(refused.value)
     assert set(rpms_ros.load(path, force='b [N]').force.force) == {2.0}
     assert set(rpms_ros.load(path, force='b [N]', force_scale=-3.0).force.force) == {-6.0}
     assert rpms_ros.load(path, force='a [N]', time_unit='s').duration == 39.0

@@ -114,11 +114,6 @@ def test_commands_take_a_table_as_load_does(rpms, tmp_path):
 
 
 @pytest.mark.skipif(not TRIALS, reason=f'no recordings in {FOLDER} (set RPMS_RECORDINGS)')
-def test_there_are_24_trials():
-    assert len(TRIALS) == 24
-
-
-@pytest.mark.skipif(not TRIALS, reason=f'no recordings in {FOLDER} (set RPMS_RECORDINGS)')
 @pytest.mark.parametrize('trial', TRIALS, ids=lambda path: path.stem)
 def test_real_recordings_are_imported_and_identified(rpms, tmp_path, trial):
     path = tmp_path / 'trial'

@@ -19,18 +19,10 @@ def test_text(rpms, short_session):
     assert (code, err) == (0, '')
     lines = out.splitlines()
     assert lines[0] == f'{short_session}  (mcap)'
-    assert lines[2].split() == [
-        '/force', 'geometry_msgs/msg/WrenchStamped', '10000', '9.999', 's', '1000.0', 'Hz',
-    ]  # fmt: skip
-    assert lines[3].split() == [
-        '/pulses',
-        'rpms_msgs/msg/Pulse',
-        '200',
-        '9.950',
-        's',
-        '20.0',
-        'Hz',
-    ]
+    force = '/force geometry_msgs/msg/WrenchStamped 10000 9.999 s 1000.0 Hz'
+    assert lines[2].split() == force.split()
+    pulses = '/pulses rpms_msgs/msg/Pulse 200 9.950 s 20.0 Hz'
+    assert lines[3].split() == pulses.split()
     assert '  schedule: uniform_random' in lines
     assert max(map(len, lines)) <= 100
 

@@ -1,12 +1,19 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""`rpms report`: what it writes and prints, what it refuses."""
+"""rpms report: what it writes, and the schedule and the hash of the session in every command."""
 
+import hashlib
 import json
+import math
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
-from rpms_ros.recording import read_recording, write_recording
+from rpms_ros.recording import read_recording, session_hash, write_recording
+from rpms_ros.recording.rosbag.definitions import known_types
+from rpms_ros.recording.rosbag.reading import ACCEPTED_SCHEDULE
+from rpms_ros.recording.rosbag.writing import FurtherTopic
 from rpms_ros.report.figures import FIGURES
 from rpms_ros.report.page import embedded
 
@@ -47,18 +54,122 @@ def test_what_is_stated_goes_into_the_page(rpms, short_session, tmp_path):
     assert document['held_out']['held_out_s'] == pytest.approx(5.0, abs=2e-3)
 
 
-@pytest.mark.parametrize(
-    ('arguments', 'expected'),
-    [
-        (['--held-out', '1'], 'expected to hold out a share between 0 and 1, got 1.0'),
-        (['--estimator', 'oracle'], 'expected an estimator of'),
-    ],
-)
-def test_what_cannot_be_is_refused_in_one_line(rpms, short_session, tmp_path, arguments, expected):
-    page = tmp_path / 'report.html'
-    code, out, err = rpms('report', short_session, '--out', page, *arguments)
-    assert (code, out) == (2, '')
-    assert err.startswith('rpms: error: ')
-    assert expected in err
-    assert err.count('\n') == 1
-    assert not page.exists()
+TEXT = 'name: warm-up\nsegments: [{kind: single}]\n'
+HASH = hashlib.sha256(TEXT.encode()).hexdigest()
+
+
+def serialised(kind, *fields):
+    store = known_types()
+    return bytes(store.serialize_cdr(store.types[kind](*fields), kind))
+
+
+def header(stamp_ns):
+    types = known_types().types
+    time = types['builtin_interfaces/msg/Time'](*divmod(stamp_ns, 10**9))
+    return types['std_msgs/msg/Header'](time, 'coil')
+
+
+def accepted(name='warm-up', digest=HASH, duration=10.0):
+    fields = (header(10**18), name, TEXT, digest, 'ada', 200, duration)
+    return serialised(ACCEPTED_SCHEDULE, *fields)
+
+
+def with_messages(source, path, kind, *messages, **options):
+    """Return a copy of a recording with messages of one more topic, received before the rest."""
+    recording = read_recording(source)
+    name = '/accepted_schedule' if kind == ACCEPTED_SCHEDULE else '/more'
+    time_ns = [int(recording.pulses.onset_ns[0])] * len(messages)
+    further = [FurtherTopic(name, kind, time_ns, messages)]
+    pulses = options.pop('pulses', recording.pulses)
+    write_recording(path, pulses, recording.forces, further=further, **options)
+    return path
+
+
+@pytest.fixture
+def announced(short_session, tmp_path):
+    return with_messages(short_session, tmp_path / 'announced', ACCEPTED_SCHEDULE, accepted())
+
+
+def test_info_and_verify_show_name_and_hash(rpms, announced):
+    code, out, err = rpms('info', announced)
+    assert (code, err) == (0, '')
+    line = f'warm-up, 200 pulses, 10 s, started by ada, sha256 {HASH}'
+    assert f'accepted: {line}' in ' '.join(out.split())
+    code, out, _ = rpms('verify', announced)
+    assert code == 0
+    assert f'ok       {line}' in out
+    (schedule,) = json.loads(rpms('info', announced, '--json')[1])['schedules']
+    assert (schedule['name'], schedule['sha256']) == ('warm-up', HASH)
+    assert (schedule['pulses'], schedule['accepted_ns']) == (200, 10**18)
+
+
+def test_identify_shows_schedule_and_session(rpms, announced):
+    code, out, _ = rpms('identify', announced)
+    assert code == 0
+    assert f'warm-up, sha256 {HASH}' in ' '.join(out.split())
+    assert session_hash(read_recording(announced)) in out
+    document = json.loads(rpms('identify', announced, '--json')[1])
+    assert [one['sha256'] for one in document['schedules']] == [HASH]
+
+
+def test_a_text_that_does_not_fit_its_hash_is_named(rpms, short_session, tmp_path):
+    changed = accepted(digest='0' * 64)
+    path = with_messages(short_session, tmp_path / 'bag', ACCEPTED_SCHEDULE, changed)
+    code, out, _ = rpms('verify', path)
+    assert code == 1
+    assert 'FAULT    /accepted_schedule: the text of warm-up is not the one whose hash' in out
+    assert json.loads(rpms('info', path, '--json')[1])['faults'] == {'altered_schedule': 1}
+
+
+def test_hostile_schedules_are_left_out_or_made_harmless(rpms, short_session, tmp_path):
+    moving = accepted('\x1b[2J\n' + 'x' * 5000, duration=math.nan)
+    path = with_messages(
+        short_session, tmp_path / 'bag', ACCEPTED_SCHEDULE, moving, accepted()[:30], b'\0\1'
+    )
+    code, out, _ = rpms('info', path, '--json')
+    document = json.loads(out, parse_constant=pytest.fail)
+    assert code == 1
+    assert document['faults'] == {'undecodable_message': 2}
+    (schedule,) = document['schedules']
+    assert schedule['name'].isprintable()
+    assert len(schedule['name']) == 200
+    assert schedule['duration_s'] is None
+
+
+def test_a_report_holds_hash_and_schedule_and_takes_widths_that_are_no_number(
+    rpms, short_session, tmp_path
+):
+    pulses = read_recording(short_session).pulses
+    without = replace(pulses, width=np.full(len(pulses), math.nan))
+    path = with_messages(
+        short_session, tmp_path / 'bag', ACCEPTED_SCHEDULE, accepted(), pulses=without
+    )
+    code, _, err = rpms('report', path, '--out', tmp_path / 'page.html')
+    assert (code, err) == (0, '')
+    page = (tmp_path / 'page.html').read_text()
+    visible = page[: page.index('<script type="application/json"')]
+    assert session_hash(read_recording(path)) in visible
+    assert HASH in visible
+    assert 'warm-up: 200 pulses' in visible
+    report = embedded(page, 'report')
+    assert report['schedule']['pulse_width_s'] == []
+
+
+def test_every_command_that_reads_keeps_to_its_memory(rpms, short_session, tmp_path):
+    bound = ['--max-memory', '0.0001']
+    refused = 'expected a recording that can be read within 0.0001 GB (--max-memory allows more)'
+    commands = [
+        ['info', short_session],
+        ['verify', short_session],
+        ['identify', short_session],
+        ['analyze', short_session],
+        ['report', short_session, '--out', tmp_path / 'page.html'],
+    ]
+    for command in commands:
+        code, out, err = rpms(*command, *bound)
+        assert (code, out) == (2, ''), command
+        assert refused in err
+        assert err.count('\n') == 1
+    code, _, err = rpms('study', short_session, '--out', tmp_path / 'study', '--jobs', 1, *bound)
+    assert code == 1
+    assert refused in err

@@ -239,11 +239,3 @@ def test_every_fence_says_what_it_holds(path):
     text = path.read_text(encoding='utf-8')
     # commands that are indented, not fenced, would be run by nobody
     assert not re.findall(r'^    (?:rpms|make|ros2|pip|python|colcon) .*$', text, re.MULTILINE)
-
-
-def test_a_command_that_fails_is_noticed(scratch, domain, on_the_graph):
-    variables = environment(scratch, domain)
-    with pytest.raises(AssertionError, match='expected a recording at nowhere'):
-        ends_well(['bash', '-c', 'rpms info nowhere'], scratch, variables, (0,))
-    with pytest.raises(pytest.fail.Exception, match='expected that it runs until it is stopped'):
-        runs_until_stopped('true', 5, scratch, variables, on_the_graph)

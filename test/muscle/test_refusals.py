@@ -59,7 +59,7 @@ def each(make, names, values, fault):
         *each(twitch_area, ['time_constant'], IMPOSSIBLE, 'time constant above 0 s, got'),
         *each(of(steady_mean, 20.0), ['time_constant'], IMPOSSIBLE, 'time constant above 0 s'),
         *each(of(twitch, 0.1, 0.04), ['order'], (0.99, -1.0, NAN, INF), 'order of at least 1'),
-        (of(subject_by_name, 'x'), "a subject of rpms, fes, simulation, got 'x'"),
+        (of(subject_by_name, 'x'), "a subject of rpms, fes, simulation, random, got 'x'"),
         *each(of(summed_twitches, 0.1, time_constant=0.04), ['rate_hz'], IMPOSSIBLE, RATE),
         *each(of(Contraction, average_subject()), ['fixed_rate_hz'], IMPOSSIBLE, RATE),
         (

@@ -197,12 +197,6 @@ def test_rules_after_equation_28(ratio, change, taken):
     assert state.scalars['damping'][0] == pytest.approx(TABLE_4.damping * change, rel=1e-14)
 
 
-def test_the_condition_number_is_that_of_the_damped_hessian(steps):
-    for step in steps:
-        # The Jacobi rotations and the singular values differ by rounding times the condition.
-        assert step.after.scalars['condition_number'][0] == pytest.approx(step.condition, rel=1e-9)
-
-
 @pytest.mark.parametrize('limit', [1.5, 1e9])
 def test_the_condition_rule_adds_its_increment(limit):
     settings = replace(TABLE_4, condition_limit=limit, damping_factor=1.0 + 1e-12)

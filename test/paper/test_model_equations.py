@@ -84,15 +84,6 @@ def test_equation_4_is_the_laplace_transform_of_a_contraction(frequency_hz):
     assert abs(transform - expected) < 1e-5 * T_A
 
 
-def test_equation_6_superposes():
-    k_rep = 50
-    total = sum(twitch((TAPS - index * k_rep) * T_S, T_A) for index in range(21))
-    # Lags in seconds are rounded in two ways.
-    np.testing.assert_allclose(
-        summed_twitches(TAPS * T_S, 20.0, T_A), total, rtol=1e-12, atol=1e-13
-    )
-
-
 def test_equation_7_as_average_as_sum_and_as_integral():
     k_rep = 50
     period = summed_twitches((1000 + np.arange(k_rep)) * T_S, 20.0, T_A)

@@ -1,16 +1,22 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Gates as laboratories have them: low while a pulse lasts, without levels, bouncing."""
+"""Gates as laboratories have them, in tables that begin at rest or amid stimulation."""
 
 import numpy as np
 import pytest
+from hypothesis import given, strategies as st
 
 from rpms_ros.errors import RecordingError
+from rpms_ros.identification import CURVE_INTENSITY, estimator_by_name, identify
+from rpms_ros.muscle import Contraction, Subject
+from rpms_ros.pulses import ForceTrace, PulseTrain
 from rpms_ros.recording.importing import (
     Ambiguous,
     ImportOptions,
     import_file,
 )
+from rpms_ros.recording.importing.gates import gate_pulses
+from rpms_ros.recording.importing.whole_file import begins_amid
 
 COUNT = 4000
 TIME = np.arange(COUNT) / 1000.0
@@ -148,3 +154,110 @@ def test_intensities_from_a_file(tmp_path):
         imported(tmp_path / 'a.csv', gate(), intensity=str(shares))
     with pytest.raises(RecordingError, match=r"a column or a file with --intensity, got 'none'; "):
         imported(tmp_path / 'a.csv', gate(), intensity='none')
+
+
+HEADER = 'Time [s],STIM [ ],"fGM [N]"\n'
+COLUMNS = ImportOptions(
+    time='Time [s]', force='fGM [N]', pulse='STIM [ ]', time_unit='s', force_unit='N'
+)
+MILLISECOND = 1_000_000
+
+
+def table(tmp_path, rows, header=HEADER):
+    path = tmp_path / 'trial.csv'
+    path.write_text(header + ''.join(f'{row}\n' for row in rows))
+    return path
+
+
+@given(
+    st.lists(st.tuples(st.integers(1, 9), st.integers(1, 9)), min_size=1, max_size=20),
+    st.integers(0, 2**32 - 1),
+    st.floats(-5.0, 5.0),
+    st.floats(0.01, 10.0),
+)
+def test_pulses_are_found_whatever_the_level_and_noise(spans, seed, rest, height):
+    levels = np.concatenate([[0.0] * low + [1.0] * high for low, high in spans] + [[0.0]])
+    stamp_ns = np.arange(len(levels), dtype=np.int64) * MILLISECOND
+    # A fifth of the height, either way: the two thresholds lie 45 % from either level.
+    noise = np.random.default_rng(seed).uniform(-0.2, 0.2, len(levels))
+    pulses = gate_pulses(stamp_ns, rest + height * (levels + noise), ImportOptions(intensity=0.4))
+    low, high = np.array(spans).T
+    onset = np.cumsum(low + high) - high
+    assert pulses.onset_ns.tolist() == (onset * MILLISECOND).tolist()
+    assert pulses.width.tolist() == (high / 1000).tolist()
+    assert set(pulses.intensity) == {0.4}
+
+
+def test_chatter_at_the_threshold_is_one_pulse():
+    gate = np.array([0.0, 0.45, 0.53, 0.6, 0.48, 0.52, 0.49, 1.0, 0.51, 0.2, 0.0])
+    stamp_ns = np.arange(len(gate), dtype=np.int64) * MILLISECOND
+    pulses = gate_pulses(stamp_ns, gate, ImportOptions())
+    assert pulses.onset_ns.tolist() == [3 * MILLISECOND]
+    assert pulses.width.tolist() == [0.006]
+
+
+@pytest.mark.parametrize(
+    ('rows', 'message'),
+    [
+        ([], 'expected rows of numbers below the header of .*trial.csv, got none'),
+        (['0,0,1', '0,8,1'], 'expected rising times in column .Time .s.. of .*, got 0.0 and then'),
+        (['0,0,1', 'nan,8,1'], 'expected finite numbers in column .Time .s.. .* got nan in row 2'),
+        (['0,0,1', '1,inf,1'], 'expected finite numbers in column .STIM . .. .* got inf in row 2'),
+        (['0,0,1', '1,0,1'], 'expected a gate that rises through 0, got levels 0 to 0'),
+    ],
+)
+def test_bad_tables_are_refused(tmp_path, rows, message):
+    with pytest.raises(RecordingError, match=message):
+        import_file(table(tmp_path, rows), COLUMNS)
+
+
+RATE = 20.0
+# pulses come with samples, 500 ms after the beginning
+STAMP_NS = np.arange(15_000, dtype=np.int64) * 1_000_000
+PULSES = PulseTrain.regular(np.random.default_rng(5).uniform(size=290), RATE, 500_000_000)
+
+
+def session(first, sign=1.0):
+    """The session from a sample on."""
+    muscle = Contraction(Subject())
+    muscle.add_pulses(PULSES.onset_ns, PULSES.intensity)
+    noise = 0.02 * np.random.default_rng(6).standard_normal(len(STAMP_NS))
+    force = sign * muscle.force(STAMP_NS) + noise + 3.0
+    pulses = PULSES[PULSES.onset_ns >= STAMP_NS[first]]
+    return pulses, ForceTrace(STAMP_NS[first:], force[first:])
+
+
+def late_table(path, first):
+    pulses, forces = session(first)
+    gate = np.isin(forces.stamp_ns, pulses.onset_ns).astype(float)
+    rows = np.column_stack((1e-9 * forces.stamp_ns, forces.force, gate))
+    np.savetxt(path, rows, delimiter=',', header='time,force,gate', comments='', fmt='%.6f')
+    return import_file(path, ImportOptions(time='time', force='force', pulse='gate'))
+
+
+@pytest.mark.parametrize('sign', [1.0, -1.0])
+@pytest.mark.parametrize(
+    ('first', 'amid'), [(0, False), (480, False), (499, False), (5020, True), (8030, True)]
+)
+def test_a_beginning_amid_stimulation_is_seen(first, amid, sign):
+    assert begins_amid(*session(first, sign)) is amid
+
+
+def test_nothing_is_learnt_from_the_force_of_pulses_that_are_not_in_the_file(tmp_path):
+    found = late_table(tmp_path / 'late.csv', 5020)
+    assert found.pulses.sequence[0] == 1
+    assert any('the force is not at rest there' in text for _, text in found.facts)
+    # the intensities are not in the table
+    pulses = PULSES[PULSES.onset_ns >= STAMP_NS[5020]]
+    known = PulseTrain(pulses.onset_ns, pulses.intensity, found.pulses.sequence, pulses.width)
+    last = identify(estimator_by_name('batch'), known, found.forces).last
+    truth = Subject().steady_force(CURVE_INTENSITY, RATE)
+    assert last.faults.keys() == {'samples_excluded'}
+    assert np.abs(last.curve_force - truth).max() < 0.005 * truth.max()
+    # as it is not without that
+    worse = identify(estimator_by_name('batch'), pulses_from_0(known), found.forces).last
+    assert np.abs(worse.curve_force - truth).max() > 0.005 * truth.max()
+
+
+def pulses_from_0(pulses):
+    return PulseTrain(pulses.onset_ns, pulses.intensity, pulses.sequence - 1, pulses.width)

@@ -184,14 +184,6 @@ def test_the_first_screen_has_no_numbers_that_must_not_be_used(report):
         assert absent not in first
 
 
-def test_errors_are_newtons_and_shares_of_the_range(report, page):
-    fit = report.held_out
-    assert fit.error_n == pytest.approx(np.sqrt(np.mean((fit.force - fit.prediction) ** 2)))
-    assert 0.0 < fit.error_of_range < 0.1
-    for text in ('explained variance', '|y - mean|'):
-        assert text not in page
-
-
 SAMPLES = 6000
 STAMPS = np.arange(SAMPLES, dtype=np.int64) * 1_000_000
 PULSES = PulseTrain.regular(np.random.default_rng(3).uniform(0.0, 1.0, 120), 20.0)

@@ -94,15 +94,6 @@ def guess_by(file: SignalFile, options: ImportOptions) -> Guess:
         If a name or unit that is given does not exist.
     """
     reasons: list[tuple[str, str]] = []
-    try:
-        return _guessed(file, options, reasons)
-    except Ambiguous as error:
-        error.decided = tuple(reasons)
-        raise
-
-
-def _guessed(file: SignalFile, options: ImportOptions, reasons: list[tuple[str, str]]) -> Guess:
-    """Return the guess, with reasons as they are found."""
     time, force, pulse = options.time, options.force, options.pulse
     _check_given(file, options)
     length = _length_of_force(file, force)

@@ -201,15 +201,7 @@ class ImportOptions:
 
 
 class Ambiguous(RecordingError):
-    """More than one signal, or none, could be what is looked for; the message names the option.
-
-    Attributes
-    ----------
-    decided : tuple of (str, str)
-        What was guessed before it came to this, and why.
-    """
-
-    decided: tuple[tuple[str, str], ...] = ()
+    """More than one signal, or none, could be what is looked for; the message names the option."""
 
 
 def needed(package: str, what: str) -> Any:

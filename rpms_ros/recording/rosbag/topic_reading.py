@@ -8,7 +8,7 @@ are decoded by rosbags, one by one.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import reduce
+from operator import attrgetter
 from typing import Any, Literal
 
 import numpy as np
@@ -124,9 +124,9 @@ class Decoder:
         except SerdeError:
             return
         for path, column in columns.number.items():
-            column[index] = _attribute(value, path)
+            column[index] = attrgetter(path)(value)
         if self._string:
-            columns.strings.add(_attribute(value, self._string))
+            columns.strings.add(attrgetter(self._string)(value))
         columns.good[index] = True
 
 
@@ -155,10 +155,6 @@ def _alike(
                 chosen = chosen[gather(records.buffer, closing, 'u1') == 0]
             if len(chosen):
                 yield slice(None) if len(chosen) == len(records) else chosen, kind
-
-
-def _attribute(message: object, path: str) -> Any:
-    return reduce(getattr, path.split('.'), message)
 
 
 def _distinct(values: npt.NDArray[np.bytes_]) -> set[str]:
