@@ -9,9 +9,6 @@ services do is not in a recording.
 An executor of rclpy hands out messages topic by topic.  Here the subscriptions belong to a second
 node that is in no executor; what has come is taken from them, in the order of arrival, when the
 identifier looks.
-
-Any node of the graph may call a service: paths are limited to the folder in the parameter
-`state_folder`, and without it both services refuse.
 """
 
 import time
@@ -29,7 +26,6 @@ from rclpy.serialization import deserialize_message
 from std_srvs.srv import Trigger
 
 from rpms_msgs.msg import MuscleEstimate, Pulse as PulseMessage
-from rpms_msgs.srv import StateFile
 from rpms_ros import estimate_messages, messages
 from rpms_ros.axis import FORCE, UNITS, Axis, unit_vector
 from rpms_ros.errors import AxisError, IdentificationError, NodeError, RpmsError
@@ -49,7 +45,6 @@ from rpms_ros.identification.model.summation import TemporalSummation
 from rpms_ros.identification.quality import doubts as faults
 from rpms_ros.identification.quality.doubts import stated_doubt
 from rpms_ros.identification.stream.sensor_checks import monitors_by_name
-from rpms_ros.identification.stream.stream import load, save
 from rpms_ros.identification.warm_up import warm_up
 from rpms_ros.nodes.common import qos, topics
 from rpms_ros.nodes.common.diagnostics import (
@@ -129,9 +124,6 @@ class IdentifierParameters(NodeParameters):
     monitors: tuple[str, ...] = parameter(
         _STREAM.monitors, 'Monitors of the stream, of this package or registered by others.'
     )
-    state_folder: str = parameter(
-        '', 'Folder in which save_state and load_state keep their files; empty refuses both.'
-    )
     frame_id: str = parameter('muscle', 'Frame of the estimate.')
     temporal_summation: str = parameter(
         '',
@@ -141,8 +133,8 @@ class IdentifierParameters(NodeParameters):
     )
     start_from: str = parameter(
         '',
-        'Saved state or JSON of rpms identify of an earlier session of the patient; what it says '
-        'gives way where it is wrong, and comes back with a reset. For tracking.',
+        'JSON of rpms identify of an earlier session of the patient; what it says gives way where '
+        'it is wrong, and comes back with a reset. For tracking.',
     )
 
     def __post_init__(self) -> None:
@@ -157,9 +149,6 @@ class IdentifierParameters(NodeParameters):
         except IdentificationError as error:
             raise NodeError(f'parameter preset: {error}') from error
         super().__post_init__()
-        folder = self.state_folder
-        if folder and not Path(folder).expanduser().is_dir():
-            raise NodeError(f'parameter state_folder: expected a folder, got {folder!r}')
         try:
             monitors_by_name(stream_settings(self).monitors)
             unit_vector(self.axis)
@@ -355,35 +344,6 @@ def doubts_in_words(estimate: Estimate | None) -> str:
     return '; '.join(stated_doubt(estimate, name) for name in estimate.doubts)
 
 
-_LONGEST_PATH = 255
-
-
-def state_path(folder: str, asked: str) -> Path:
-    """Return the file of a state that is asked for within a folder, symbolic links resolved.
-
-    Raises
-    ------
-    NodeError
-        If there is no folder, or the file is none within it.
-    """
-    if not folder:
-        raise NodeError('expected parameter state_folder, in which states are kept, got none')
-    if not (0 < len(asked) <= _LONGEST_PATH and asked.isprintable()):
-        raise NodeError(
-            f'expected a path of 1 to {_LONGEST_PATH} printable characters, got {len(asked)}'
-        )
-    kept = Path(folder).expanduser().resolve()
-    refused = NodeError(f'expected a file within {kept}, got {asked}')
-    try:
-        path = (kept / asked).resolve()
-    except (OSError, RuntimeError) as error:
-        # a link that leads to itself; what a callback raises would end the node
-        raise refused from error
-    if path == kept or not path.is_relative_to(kept):
-        raise refused
-    return path
-
-
 # Silence of the force after which somebody should look at the sensor [s].
 _SILENCE = 5.0
 # Between two looks at what has arrived; has no influence on the estimates [s].
@@ -422,14 +382,12 @@ class Identifier(NodeOfParts):
         self._hearing = Hearing(self, self._axis, self.settings.quantity)
         self._parts.callback(self._hearing.close)
         self._senders = Publishers(self)
-        for name, kind, act in (
-            ('reset', Trigger, lambda _: self._reset()),
-            ('hold', Trigger, lambda _: self._hold()),
-            ('resume', Trigger, lambda _: self._resume()),
-            ('save_state', StateFile, lambda request: self._save(request.path)),
-            ('load_state', StateFile, lambda request: self._load(request.path)),
+        for name, act in (
+            ('reset', self._reset),
+            ('hold', self._hold),
+            ('resume', self._resume),
         ):
-            self.create_service(kind, f'~/{name}', self._answering(act))
+            self.create_service(Trigger, f'~/{name}', self._answering(act))
         every(self, _LOOK_PERIOD, self._process)
         every(self, PERIOD_S, self._report)
         self._say_what_is_done()
@@ -444,31 +402,12 @@ class Identifier(NodeOfParts):
 
     def _reset(self) -> str:
         """Forget everything and start again, as after a change of the electrode or the coil."""
-        self._begin(build_stream(self.settings))
-        return 'reset: the identification starts again'
-
-    def _begin(self, stream: IdentificationStream) -> None:
-        self.stream = stream
+        self.stream = build_stream(self.settings)
         self._hearing.begin_anew()
         self._senders = Publishers(self)
         self._reported = {}
         self._last = None
-
-    def _save(self, asked: str) -> str:
-        """Save what is known after all that has come."""
-        path = state_path(self.settings.state_folder, asked)
-        # estimates that are due belong to what was before
-        self._process()
-        save(path, self.stream)
-        return f'saved to {path}'
-
-    def _load(self, asked: str) -> str:
-        """Go on from a saved state; if it is refused, from the present one."""
-        path = state_path(self.settings.state_folder, asked)
-        stream = build_stream(self.settings)
-        load(path, stream)
-        self._begin(stream)
-        return f'loaded from {path}'
+        return 'reset: the identification starts again'
 
     def _hold(self) -> str:
         """Predict and do not learn, while somebody moves the coil, say."""
@@ -481,12 +420,12 @@ class Identifier(NodeOfParts):
         self.stream.resume()
         return 'resumed: learns'
 
-    def _answering(self, act: Callable[[Any], str]) -> Callable[[Any, Any], Any]:
+    def _answering(self, act: Callable[[], str]) -> Callable[[Any, Any], Any]:
         """Return the callback of a service that does something and answers what it did."""
 
-        def answer(request: Any, response: Any) -> Any:
+        def answer(_: Any, response: Any) -> Any:
             try:
-                response.message, response.success = plain_text(act(request)), True
+                response.message, response.success = plain_text(act()), True
                 logger_of(self).info(response.message)
             except RpmsError as error:
                 response.message = plain_text(error)

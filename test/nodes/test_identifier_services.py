@@ -2,10 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What an identifier offers beside estimates: services, disturbance, a late look, torque."""
 
-import re
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +12,6 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_srvs.srv import Trigger
 
 from rpms_msgs.msg import MuscleEstimate, Pulse as PulseMessage
-from rpms_msgs.srv import StateFile
 from rpms_ros import estimate_messages, messages
 from rpms_ros.identification import Estimate
 from rpms_ros.nodes.common import qos
@@ -97,6 +94,13 @@ def test_hold_predicts_and_resume_learns(graph, capfd: pytest.CaptureFixture[str
     assert 'held: predicts, does not learn' in said
 
 
+def test_a_reset_forgets_everything(graph) -> None:
+    sensor = Sensor(graph)
+    sensor.send(1000)
+    assert sensor.call('reset') == 'reset: the identification starts again'
+    assert sensor.identifier.stream.estimate().samples == 0
+
+
 def test_the_disturbance_is_published_where_an_estimator_tells_it(graph) -> None:
     sensor = Sensor(graph)
     sensor.send(600)
@@ -133,74 +137,3 @@ def test_a_torque_is_said_to_be_one(graph) -> None:
     assert estimate_messages.estimate_of(sensor.estimates[-1]).unit == 'N m'
     assert np.isfinite(sensor.estimates[-1].linear).all()
     assert sensor.estimates[-1].samples > 500
-
-
-class Keeper(Sensor):
-    """A sensor that also asks for states."""
-
-    def ask(self, name: str, path: str) -> tuple[bool, str]:
-        client = self.node.create_client(StateFile, f'identifier/{name}')
-        self.graph.wait_for(client.service_is_ready)
-        future = client.call_async(StateFile.Request(path=path))
-        self.graph.wait_for(future.done)
-        return future.result().success, future.result().message
-
-
-def test_a_state_is_saved_and_gone_on_from(graph, tmp_path: Path) -> None:
-    keeper = Keeper(graph, estimator='tracking', state_folder=str(tmp_path))
-    keeper.send(1000)
-    known = keeper.estimates[-1]
-    assert keeper.ask('save_state', 'ada.state') == (True, f'saved to {tmp_path / "ada.state"}')
-    keeper.call('reset')
-    assert keeper.identifier.stream.estimate().samples == 0
-    assert keeper.ask('load_state', 'ada.state') == (True, f'loaded from {tmp_path / "ada.state"}')
-    assert keeper.identifier.stream.estimate().samples >= known.samples
-    keeper.send(500)
-    assert keeper.estimates[-1].samples > known.samples
-
-
-ELSEWHERE = (
-    ('../out.state', 'expected a file within .*, got ../out.state'),
-    ('/etc/passwd', 'expected a file within .*, got /etc/passwd'),
-    ('link/out.state', 'expected a file within .*, got link/out.state'),
-    ('.', 'expected a file within'),
-    ('', 'expected a path of 1 to 255 printable characters, got 0'),
-    ('a\x07', 'expected a path of 1 to 255 printable characters, got 2'),
-    ('x' * 256, 'expected a path of 1 to 255 printable characters, got 256'),
-    ('nobody.state', 'expected a file with a saved state'),
-    ('loop', 'expected a file within .*, got loop'),
-    ('loop/my.state', 'expected a file within .*, got loop/my.state'),
-)
-
-
-def test_a_path_that_leads_elsewhere_is_refused(graph, tmp_path: Path) -> None:
-    folder = tmp_path / 'states'
-    folder.mkdir()
-    (folder / 'link').symlink_to(tmp_path)
-    (folder / 'loop').symlink_to(folder / 'loop')
-    (tmp_path / 'out.state').write_text('somebody else')
-    keeper = Keeper(graph, state_folder=str(folder))
-    for path, message in ELSEWHERE:
-        for name in ('load_state', *(('save_state',) if path != 'nobody.state' else ())):
-            success, said = keeper.ask(name, path)
-            assert not success
-            assert re.search(message, said), path
-    assert (tmp_path / 'out.state').read_text() == 'somebody else'
-    assert sorted(each.name for each in folder.iterdir()) == ['link', 'loop']
-
-
-def test_a_state_that_is_none_leaves_the_identifier_as_it_was(graph, tmp_path: Path) -> None:
-    (tmp_path / 'bad.state').write_text('no state')
-    keeper = Keeper(graph, state_folder=str(tmp_path))
-    keeper.send(600)
-    success, said = keeper.ask('load_state', 'bad.state')
-    assert not success
-    assert 'expected a state that was saved' in said
-    assert keeper.identifier.stream.estimate().samples > 200
-
-
-def test_without_a_folder_there_are_no_states(graph) -> None:
-    assert Keeper(graph).ask('save_state', 'a') == (
-        False,
-        'expected parameter state_folder, in which states are kept, got none',
-    )

@@ -246,7 +246,6 @@ def test_a_text_that_ros_reads_as_something_else_is_to_be_quoted(context, word):
     ('kind', 'parameters', 'message'),
     [
         (Identifier, {'estimator': 'guess'}, 'estimator'),
-        (Identifier, {'state_folder': '/no/such'}, 'expected a folder'),
         (PlantSimulator, {'rate': -1.0}, 'rate'),
         (Recorder, {'topics': ['tape']}, 'topics'),
         (Recorder, {'path': '/proc/no/such'}, 'expected'),
