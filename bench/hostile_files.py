@@ -3,10 +3,10 @@
 """Mutated files of every other kind that the package reads: what comes of them.
 
 Files of laboratories (text, LabChart, MATLAB, Excel) into `rpms import`; recordings
-into `rpms export`; checksums into `rpms verify`; saved states and
-results into `rpms identify --start-from`; history laws, scenarios, device specifications,
-patients, parameter files and audit logs into what reads them.  `bench/hostile_recordings.py` does
-it with recordings, `bench/hostile_texts.py` with schedules.
+into `rpms export`; checksums into `rpms verify`; results into `rpms identify --start-from`;
+history laws, scenarios, device specifications, patients, parameter files and audit logs into what
+reads them.  `bench/hostile_recordings.py` does it with recordings, `bench/hostile_texts.py` with
+schedules.
 
 None may end in a traceback, end the process, take more than 10 s of processor time twice or more
 memory than 1 GB, or return an exit code that is not documented.  The files are read in processes
@@ -61,8 +61,7 @@ DOCUMENTS = ('history law', 'scenario', 'device', 'patient', 'audit log')
 NAMES = (
     *FORMATS,
     *DOCUMENTS,
-    *('export', 'checksums'),
-    *('state of tracking', 'result of tracking'),
+    *('export', 'checksums', 'result'),
 )
 
 
@@ -121,15 +120,10 @@ def kind_of(name: str, folder: Path) -> Kind:
         return Kind(files, made(folder, 'export', session))
     if name == 'checksums':
         return Kind((session / 'SHA256SUMS',), lambda: rpms(['verify', str(session)]))
-    estimator = name.rpartition(' ')[2]
-    identify = ['identify', str(session), '--quiet', '--estimator', estimator]
-    state = folder / 'saved'
-    if name.startswith('state'):
-        rpms([*identify, '--save-state', str(state)])
-    else:
-        rpms([*identify, '--out', str(folder / 'result')])
-        shutil.copyfile(folder / 'result' / 'result.json', state)
-    return Kind((state,), lambda: rpms([*identify, '--start-from', str(state)]))
+    identify = ['identify', str(session), '--quiet', '--estimator', 'tracking']
+    rpms([*identify, '--out', str(folder / 'result')])
+    result = folder / 'result' / 'result.json'
+    return Kind((result,), lambda: rpms([*identify, '--start-from', str(result)]))
 
 
 def document(name: str, folder: Path) -> Kind:

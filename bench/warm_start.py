@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
+import rpms_ros
 from rpms_ros.identification import (
     CURVE_INTENSITY,
     IdentificationStream,
@@ -26,7 +27,6 @@ from rpms_ros.identification import (
     estimator_by_name,
 )
 from rpms_ros.identification.estimation.prior import warm_start
-from rpms_ros.identification.stream.stream import save
 from rpms_ros.muscle import Contraction, random_subject
 from rpms_ros.pulses import ForceTrace, PulseTrain
 
@@ -60,7 +60,7 @@ def drawn(subject, seconds, generator):
 
 
 def session(subject, seconds, generator, path=None):
-    """Run a session; return the error of the curve every 50 ms (n,), and the stream."""
+    """Run a session; return the error of the curve every 50 ms (n,)."""
     pulses, stamps, force = drawn(subject, seconds, generator)
     estimator = estimator_by_name('tracking')
     if path is not None:
@@ -74,7 +74,7 @@ def session(subject, seconds, generator, path=None):
         known = estimate.curve_known
         error = np.abs(estimate.curve_force - truth).max() / truth.max() if known else np.inf
         errors.append(error)
-    return np.array(errors), stream
+    return np.array(errors)
 
 
 def first_below(errors, limit):
@@ -135,11 +135,14 @@ def compared(person, path):
     """Return errors of a returning person, cold and warm, and of a stranger; change and bound."""
     generator = np.random.default_rng(person)
     subject, other = random_subject(generator), random_subject(generator)
-    _, stream = session(subject, LAST_TIME, generator)
-    save(path, stream)
+    pulses, stamps, force = drawn(subject, LAST_TIME, generator)
+    last_time = rpms_ros.from_arrays(
+        1e-9 * stamps, force, 1e-9 * pulses.onset_ns, pulses.intensity
+    )
+    last_time.identify('tracking').to_json(path)
     today = on_another_day(subject, generator.uniform(-1.0, 1.0, size=4) * LARGEST)
     runs = [
-        session(who, TODAY, np.random.default_rng(1000 + person), start)[0]
+        session(who, TODAY, np.random.default_rng(1000 + person), start)
         for who in (today, other)
         for start in (None, path)
     ]
@@ -154,7 +157,7 @@ def main(argv=None):
     arguments = parser.parse_args(argv)
     people = arguments.people
     with tempfile.TemporaryDirectory() as folder:
-        found = [compared(person, Path(folder) / 'state') for person in range(people)]
+        found = [compared(person, Path(folder) / 'result.json') for person in range(people)]
     cold, warm, strange, wrong = zip(*(one[0] for one in found), strict=True)
     change, least = [one[1] for one in found], [one[2] for one in found]
     print(

@@ -46,8 +46,8 @@ _EXAMPLES = """\
   rpms identify session --force-topic /left/wrench --axis x --sign -1
   rpms identify session --rate-hz 15                   the curve for pulses at 15 Hz
   rpms identify session --estimator recursive          as the node does, sample by sample
-  rpms identify monday --estimator tracking --save-state ada.state
-  rpms identify friday --estimator tracking --start-from ada.state
+  rpms identify monday --json > ada.json
+  rpms identify friday --estimator tracking --start-from ada.json
 
 exit code: of the verdict, 0 good, 1 doubtful or a recording with faults, 3 no; 2 if not possible
 """
@@ -64,12 +64,10 @@ def add_identify(subparsers: Subparsers) -> None:
     parser.add_argument('--out', type=Path, metavar='DIR', help='folder for figures and JSON')
     add_reading_options(parser)
     add_estimator_options(parser)
-    group = parser.add_argument_group('what is known before and after')
-    text = 'file for what is known at the end: the node and --start-from read it'
-    add_option(group, '--save-state FILE', None, text, type=Path)
+    group = parser.add_argument_group('what is known before')
     text = (
-        'start from what an earlier session of the patient has told, a saved state or the JSON of '
-        'this command; it gives way where it is wrong (tracking)'
+        'start from what an earlier session of the patient has told, in the JSON of this command; '
+        'it gives way where it is wrong (tracking)'
     )
     add_option(group, '--start-from FILE', None, text, type=Path)
     text = (
@@ -94,17 +92,13 @@ def run(arguments: argparse.Namespace) -> int:
         identification_options(arguments),
         history=TemporalSummation.of_file(law) if law else None,
         start_from=arguments.start_from,
-        save_state=arguments.save_state,
     )
     recording = read(arguments.bag, arguments)
     samples = len(recording.forces)
     compile_estimator(options.build, arguments.quiet)
     with progress('identifying', samples, 'samples', arguments.quiet) as advance:
-        # Figures show a path of estimates; the result is the last one.
-        # A state that is gone on with on line is made with the period on line.
-        # So does the answer to the question whether the muscle changed.
-        few = _MOST_ESTIMATES if arguments.out or arguments.estimator == FOLLOWER else 1
-        most = None if arguments.save_state else few
+        # The result is the last estimate; figures, and whether the muscle changed, need more.
+        most = _MOST_ESTIMATES if arguments.out or arguments.estimator == FOLLOWER else 1
         session = identified(recording, options, advance, most)
     result = result_of(recording, session, verdict_settings(arguments))
     if arguments.json:

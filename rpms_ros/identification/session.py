@@ -11,7 +11,6 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,7 +18,7 @@ import numpy as np
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.model.estimate import Estimate, Estimator
 from rpms_ros.identification.stream.monitors import Monitor, ProcessedSamples
-from rpms_ros.identification.stream.stream import IdentificationStream, StreamSettings, save
+from rpms_ros.identification.stream.stream import IdentificationStream, StreamSettings
 from rpms_ros.printable import counted
 from rpms_ros.pulses import (
     NANOSECONDS_PER_SECOND,
@@ -164,7 +163,6 @@ def identify(
     progress: Callable[[int], object] | None = None,
     samples_before_pulse: IntArray | None = None,
     sinks: Sequence[Monitor] = (),
-    save_state: Path | None = None,
 ) -> IdentifiedSession:
     """Run an estimator over a recording, with the same result as on line.
 
@@ -185,8 +183,6 @@ def identify(
         `in_time`.
     sinks : sequence of Monitor
         Further receivers of all samples, predictions and estimates.
-    save_state : Path or None
-        Where the state after the last sample is saved; see `rpms_ros.saved_state`.
 
     Returns
     -------
@@ -211,8 +207,6 @@ def identify(
     estimates += stream.finish()
     if not trace.cells:
         raise IdentificationError(_why_nothing(forces.force, settings.largest_force))
-    if save_state is not None:
-        save(save_state, stream)
     return IdentifiedSession(
         estimates,
         trace.column('stamp_ns'),

@@ -84,9 +84,7 @@ class IdentificationOptions:
     history : TemporalSummation or None
         What pulses do to those after them.
     start_from : Path or None
-        Saved state or result of an earlier session.
-    save_state : Path or None
-        Where what is known at the end is saved.
+        JSON of the result of an earlier session.
     """
 
     estimator: str = 'batch'
@@ -95,7 +93,6 @@ class IdentificationOptions:
     seed: int = 0
     history: TemporalSummation | None = None
     start_from: Path | None = None
-    save_state: Path | None = None
 
     def build(self) -> Estimator:
         """Return a new estimator."""
@@ -152,9 +149,6 @@ def identified(
         if _missed(other) < _missed(session):
             estimates = [replace(o, reasons=(*o.reasons, FOLLOWED)) for o in other.estimates]
             session = replace(other, estimates=estimates)
-        elif options.save_state is not None:
-            # what is saved is to be what is returned
-            session = _followed(recording, options, settings, None)
     if recording.unit == session.last.unit:
         return session
     # as the node does
@@ -170,15 +164,7 @@ def _followed(
     estimator = options.build()
     # Only what could have run on line has to leave out the pulses that came too late for it.
     arrival = recording.samples_before_pulse if estimator.on_line else None
-    return identify(
-        estimator,
-        recording.pulses,
-        recording.forces,
-        settings,
-        progress,
-        arrival,
-        save_state=options.save_state,
-    )
+    return identify(estimator, recording.pulses, recording.forces, settings, progress, arrival)
 
 
 def _missed(session: IdentifiedSession) -> float:

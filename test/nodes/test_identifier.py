@@ -10,13 +10,13 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 from rclpy.parameter import Parameter
 
+import rpms_ros
 from rpms_msgs.msg import MuscleEstimate, Pulse as PulseMessage
 from rpms_ros import estimate_messages, messages
 from rpms_ros.errors import NodeError
-from rpms_ros.identification import Estimate, IdentificationStream, identify
+from rpms_ros.identification import Estimate, identify
 from rpms_ros.identification.estimation.tracking import TrackingEstimator
 from rpms_ros.identification.model.summation import TemporalSummation
-from rpms_ros.identification.stream.stream import save
 from rpms_ros.muscle import Contraction, simulation_subject
 from rpms_ros.nodes.common import qos
 from rpms_ros.nodes.common.topics import MESSAGE_TYPES
@@ -235,21 +235,16 @@ def test_a_history_law_and_an_earlier_session_are_parameters(tmp_path) -> None:
     estimator = build_estimator(settings)
     assert isinstance(estimator, TrackingEstimator)
     assert estimator.settings.history == TemporalSummation(facilitation=0.5)
-    stream = IdentificationStream(build_estimator(IdentifierParameters(estimator='tracking')))
-    pulses, forces = recording()
-    stream.add_pulses(pulses)
-    stream.add_forces(forces)
-    stream.finish()
-    state = tmp_path / 'state'
-    save(state, stream)
-    warm = build_estimator(IdentifierParameters(estimator='tracking', start_from=str(state)))
+    earlier = tmp_path / 'earlier.json'
+    rpms_ros.simulate(duration=2.0).identify('tracking').to_json(earlier)
+    warm = build_estimator(IdentifierParameters(estimator='tracking', start_from=str(earlier)))
     assert isinstance(warm, TrackingEstimator)
     assert warm._window.point.linear.any()
     for wrong, message in (
         ({'temporal_summation': str(tmp_path)}, 'expected a JSON file with a history law'),
         ({'start_from': str(law)}, 'expected a session with a recruitment curve'),
         (
-            {'estimator': 'recursive', 'start_from': str(state)},
+            {'estimator': 'recursive', 'start_from': str(earlier)},
             'such as tracking, got recursive',
         ),
     ):

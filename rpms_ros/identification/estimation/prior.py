@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 r"""Prior of a window: physiology, bounds, and the result of earlier samples or sessions.
 
-For a returning patient the covariance P of parameters and response of the last session is
-increased by the changes from one day to the next, most of all by the new position of the coil,
+For a returning patient the covariance P of parameters and response, as it is assumed of a result,
+is increased by the changes from one day to the next, most of all by the new position of the coil,
 
 .. math:: P' = P + Q_\theta + g^2 w w^T + t^2 (D w) (D w)^T + h^2 \|w\|^2 I / n ,
 
@@ -43,7 +43,6 @@ from rpms_ros.identification.model.recruitment import (
 )
 from rpms_ros.muscle.recruitment import PARAMETER_NAMES
 from rpms_ros.pulses import FloatArray
-from rpms_ros.saved_state import is_state, read_state
 
 if TYPE_CHECKING:
     from rpms_ros.identification.estimation.window_fit import WindowFit
@@ -400,10 +399,6 @@ class KnownMuscle:
     basis: LaguerreBasis
 
     def __post_init__(self) -> None:
-        joint = NONLINEAR + self.basis.functions
-        fits = self.theta.shape == (NONLINEAR,) and self.linear.shape == (self.basis.functions,)
-        if not (fits and self.covariance.shape == (joint, joint)):
-            raise IdentificationError('expected parameters of one model, got other shapes')
         values = np.concatenate((self.theta, self.linear, self.covariance.ravel()))
         if not (np.isfinite(values).all() and 0.0 < self.variance < math.inf):
             raise IdentificationError('expected finite parameters of a muscle, got others')
@@ -456,7 +451,7 @@ class WarmStarting(Estimator, Protocol):
 
 
 def warm_start(estimator: Estimator, path: Path | str) -> None:
-    """Start a fresh estimator from a saved state, or from the JSON of ``rpms identify``.
+    """Start a fresh estimator from the JSON of ``rpms identify``.
 
     Raises
     ------
@@ -472,7 +467,7 @@ def warm_start(estimator: Estimator, path: Path | str) -> None:
 
 
 def known_from(path: Path | str) -> KnownMuscle:
-    """Return the knowledge in a saved state, or in the JSON of ``rpms identify``.
+    """Return the knowledge in the JSON of ``rpms identify``.
 
     Raises
     ------
@@ -480,13 +475,6 @@ def known_from(path: Path | str) -> KnownMuscle:
         If it holds no recruitment curve.
     """
     try:
-        if is_state(path):
-            state = read_state(path)['estimator_state']
-            fit, basis = state['_window'], LaguerreBasis(**state['_basis'])
-            joint = NONLINEAR + basis.functions
-            covariance = np.array(fit['covariance'][:joint, :joint], dtype=np.float64)
-            point = fit['point']
-            return KnownMuscle(point['theta'], point['linear'], covariance, fit['variance'], basis)
         return _of_result(_read_result(Path(path)))
     except (KeyError, TypeError, ValueError, AttributeError, np.linalg.LinAlgError) as error:
         raise IdentificationError(
@@ -552,7 +540,7 @@ def _fitted_basis(time: FloatArray, force: FloatArray) -> tuple[LaguerreBasis, F
 def _read_result(path: Path) -> Mapping[str, Any]:
     try:
         if not path.is_file() or path.stat().st_size > _LARGEST_RESULT:
-            raise IdentificationError(f'expected a saved state or a result, got {path}')
+            raise IdentificationError(f'expected the JSON of rpms identify, got {path}')
         document: Mapping[str, Any] = json.loads(path.read_text())
     except (OSError, RecursionError) as error:
         raise IdentificationError(f'expected to read {path}, got {error}') from error
