@@ -7,8 +7,7 @@
 1 % noise, latency 9 ms, 20 Hz, 60 s: largest error of the curve in % of its maximum, median and
 worst seed, and the share of the curve inside its 95 % band.  Then people drawn from the ranges of
 the paper's tables, and a muscle that changes at 40 s (0.5 % noise): how long until the change is
-found, and how long until the error of the curve stays below 1 and 2 %.  Then processor time and
-size of its state.
+found, and how long until the error of the curve stays below 1 and 2 %.  Then the processor time.
 """
 
 import sys
@@ -141,19 +140,8 @@ def changed(seeds):
 
 
 def cost():
-    estimator, spent = followed([(scenario(0, None, 60, known), 0, 60)])[2:]
-    size = sum(part.nbytes for part in arrays(estimator.state()))
+    spent = followed([(scenario(0, None, 60, known), 0, 60)])[3]
     print(f'\ncost at 1 kHz and 20 Hz: {100 * spent / 60:.2f} % of a core')
-    print(f'its state: {1e-6 * size:.2f} MB of numbers')
-
-
-def arrays(state):
-    """Yield the arrays in a saved state."""
-    if isinstance(state, np.ndarray):
-        yield state
-    elif isinstance(state, dict | list | tuple):
-        for part in state.values() if isinstance(state, dict) else state:
-            yield from arrays(part)
 
 
 def main():

@@ -149,7 +149,7 @@ def test_a_flood_of_near_pulses_is_bounded():
     assert sum(map(len, queue.queue._arrived)) == 10_000
     queue.onsets(1000)
     assert queue.counter.counts()['pulse_too_close'] >= 90_000
-    assert queue.queue._room.state() == {'_taken': [], '_refused': []}
+    assert vars(queue.queue._room) == {'_most': 10_000, '_taken': {}, '_refused': {}}
 
 
 def test_a_first_pulse_that_is_not_number_0_excludes_what_those_before_it_could_touch():

@@ -70,12 +70,6 @@ def test_weights_do_not_depend_on_how_pulses_are_cut():
     for place in range(60):
         single.add(train.onset_ns[place : place + 1], train.intensity[place : place + 1])
     assert whole.weight.tobytes() == single.weight.tobytes()
-    again = PulseDelayLine(0.0, None, 20.0, RAT)
-    again.restore(whole.state())
-    later = train.onset_ns[-1:] + 5 * MILLISECOND
-    for line in (whole, again):
-        line.add(later, np.ones(1))
-    assert whole.weight.tobytes() == again.weight.tobytes()
 
 
 def test_a_pulse_of_no_intensity_does_nothing_to_the_next():

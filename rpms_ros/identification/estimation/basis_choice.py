@@ -32,7 +32,6 @@ from rpms_ros.identification.estimation.window_fit import (
 from rpms_ros.identification.model.basis import LaguerreBasis
 from rpms_ros.identification.model.recruitment import recruitment
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray
-from rpms_ros.saved_state import Restorable
 
 TIME_CONSTANTS = (8e-3, 16e-3, 32e-3, 64e-3)
 LATENCIES = (0.0, 7e-3, 14e-3, 21e-3, 28e-3)
@@ -320,7 +319,7 @@ class Search(Enum):
     EVERYWHERE = 'all that people have'
 
 
-class BasisSchedule(Restorable):
+class BasisSchedule:
     """Says when the basis is to be compared with others, and with which.
 
     Attributes
@@ -329,15 +328,11 @@ class BasisSchedule(Restorable):
         Since when a response shows, or has to be looked at anew [ns].
     """
 
-    begun_ns: int | None
-    _stimulated_ns: int | None
-    _choices: int
-    _compared_ns: int
-    _in_vain: int
-
     def __init__(self) -> None:
+        self.begun_ns: int | None = None
+        self._stimulated_ns: int | None = None
+        self._compared_ns = _NEVER_NS
         self._choices = self._in_vain = 0
-        self.forget()
 
     @property
     def begun(self) -> bool:

@@ -93,16 +93,6 @@ class BatchEstimator(ProjectionEstimator):
     name = 'batch'
     on_line = False
 
-    unexplained: FloatArray
-    _origin_ns: int | None
-    _last_ns: int
-    _due_ns: int
-    _fitted_samples: int
-    _searched: bool
-    _compared_ns: int
-    _shift_ns: int
-    _jumped: bool
-
     def __init__(
         self,
         settings: ProjectionSettings | None = None,
@@ -110,7 +100,7 @@ class BatchEstimator(ProjectionEstimator):
     ) -> None:
         super().__init__(settings, rate_hz)
         self.unexplained = np.empty((0, 2))
-        self._origin_ns = None
+        self._origin_ns: int | None = None
         self._last_ns = 0
         self._due_ns = 0
         self._fitted_samples = 0

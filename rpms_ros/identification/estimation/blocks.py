@@ -19,7 +19,6 @@ from rpms_ros.identification.model.basis import transition_generator
 from rpms_ros.identification.model.summation import PulseHistory, TemporalSummation
 from rpms_ros.muscle.recruitment import RateRecruitment
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray, nanoseconds
-from rpms_ros.saved_state import Restorable, expect
 
 # Columns of `BlockStatistics.response`: sums of e y, e and e tau.
 RESPONSE_FORCE, RESPONSE_ONE, RESPONSE_TIME = range(3)
@@ -187,7 +186,7 @@ def without_force(
 _REFRACTORY_NS = 1_000_000
 
 
-class PulseDelayLine(Restorable):
+class PulseDelayLine:
     """Pulses whose twitch has not begun, with their weights.
 
     Parameters
@@ -202,12 +201,6 @@ class PulseDelayLine(Restorable):
         Weight by all pulses before, instead of by the interval.
     """
 
-    _last_ns: int | None
-    begin_ns: IntArray
-    intensity: FloatArray
-    weight: FloatArray
-    _history: PulseHistory | None
-
     def __init__(
         self,
         latency: float,
@@ -219,7 +212,7 @@ class PulseDelayLine(Restorable):
         self._by_rate = by_rate
         self._unit = float(by_rate.per_pulse(rate_hz)) if by_rate is not None else 1.0
         self._history = PulseHistory(history, rate_hz) if history is not None else None
-        self._last_ns = None
+        self._last_ns: int | None = None
         self.begin_ns = np.empty(0, dtype=np.int64)
         self.intensity = np.empty(0)
         self.weight = np.empty(0)
@@ -265,10 +258,6 @@ class PulseDelayLine(Restorable):
         self._last_ns = None
         if self._history is not None:
             self._history.forget()
-
-    def _check_restored(self) -> None:
-        lengths = {self.begin_ns.shape, self.intensity.shape, self.weight.shape}
-        expect(len(lengths) == 1 and self.begin_ns.ndim == 1, 'PulseDelayLine', 'as many onsets')
 
     def _weights(self, onset_ns: IntArray, intensity: FloatArray) -> FloatArray:
         if self._history is not None:

@@ -48,7 +48,6 @@ from rpms_ros.identification.estimation.window_fit import (
 )
 from rpms_ros.identification.model.recruitment import NONLINEAR, coordinates
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray
-from rpms_ros.saved_state import Restorable
 
 DECISION = 30.0
 _STEPS = 3
@@ -331,32 +330,22 @@ class FoundChange:
         Time of the change [ns].
     kind : str
         `gain`, `thresholds` or `dynamics`.
-    odds : float
-        Logarithm of the odds against all other explanations.
     """
 
     stamp_ns: int
     kind: str
-    odds: float
 
 
-class ChangeWatch(Restorable):
+class ChangeWatch:
     """Searches for changes after snapshots of the fit."""
 
-    found: list[FoundChange]
-    count: int
-    _snapshots: deque[Snapshot]
-    _alarm_ns: int | None
-    _in_vain: int
-    _named: Explanation | None
-
     def __init__(self) -> None:
-        self.found = []
+        self.found: deque[FoundChange] = deque(maxlen=_REMEMBERED)
         self.count = 0
-        self._snapshots = deque(maxlen=2 * _CANDIDATES)
-        self._alarm_ns = None
+        self._snapshots: deque[Snapshot] = deque(maxlen=2 * _CANDIDATES)
+        self._alarm_ns: int | None = None
         self._in_vain = 0
-        self._named = None
+        self._named: Explanation | None = None
 
     @property
     def deliberating(self) -> bool:
@@ -382,7 +371,7 @@ class ChangeWatch(Restorable):
 
     def forget_times(self) -> None:
         """Forget when changes were: the clock has jumped.  How many there were stays."""
-        self.found = []
+        self.found.clear()
 
     def look(
         self, problem: Problem, window: Window, fit: WindowFit, prior: Knowledge, alert: Alert
@@ -405,10 +394,7 @@ class ChangeWatch(Restorable):
             return None
         self._named = best
         self.count += 1
-        self.found = [
-            *self.found[1 - _REMEMBERED :],
-            FoundChange(best.before.stamp_ns, best.kind, best.odds),
-        ]
+        self.found.append(FoundChange(best.before.stamp_ns, best.kind))
         return best
 
     def _suspicious(self, fit: WindowFit, alert: Alert) -> bool:

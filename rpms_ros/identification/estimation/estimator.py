@@ -4,7 +4,6 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -17,7 +16,6 @@ from rpms_ros.identification.estimation.blocks import (
     ring_order,
 )
 from rpms_ros.identification.estimation.intake import (
-    Intake,
     Predictor,
     RawSamples,
     add_samples,
@@ -39,7 +37,7 @@ from rpms_ros.identification.estimation.uncertainty import (
     ResidualSums,
     condition_number,
 )
-from rpms_ros.identification.estimation.window_fit import INTERVAL_NS, WindowFit, fresh_fit
+from rpms_ros.identification.estimation.window_fit import INTERVAL_NS, fresh_fit
 from rpms_ros.identification.model.basis import LaguerreBasis
 from rpms_ros.identification.model.estimate import (
     DEFAULT_RATE,
@@ -51,10 +49,9 @@ from rpms_ros.identification.model.recruitment import NONLINEAR, PARAMETERS, nea
 from rpms_ros.identification.quality.doubts import FACTORISATION_FAILED, FaultCounter
 from rpms_ros.muscle.recruitment import RecruitmentParameters
 from rpms_ros.pulses import BoolArray, FloatArray, IntArray
-from rpms_ros.saved_state import RestorableWithSettings, State, described, expect
 
 
-class ProjectionEstimator(RestorableWithSettings):
+class ProjectionEstimator:
     """Adds samples and pulses to blocks; derived classes decide when to fit.
 
     Parameters
@@ -74,18 +71,6 @@ class ProjectionEstimator(RestorableWithSettings):
 
     name = 'projection'
     on_line = True
-
-    _basis: LaguerreBasis
-    _problem: Problem
-    _predictor: Predictor
-    _window: WindowFit
-    _basis_spread: FloatArray
-    _intake: Intake
-    _delay_line: PulseDelayLine
-    _raw: RawSamples
-    _faults: FaultCounter
-    _pulses: int
-    _intensity_range: tuple[float, float]
 
     def __init__(
         self,
@@ -154,19 +139,6 @@ class ProjectionEstimator(RestorableWithSettings):
         self._intake.recent[0] = 0.0
         # The baseline continues at its last level: its slope is valid for the old time line only.
         self._predictor.levels[:] = self._predictor.levels[-1]
-
-    def described_settings(self) -> State:
-        """Return all settings by name."""
-        return {**described(self.settings), 'rate_hz': self.rate_hz}
-
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """Restore a saved state; see `Restorable.restore`."""
-        made = self._problem
-        super().restore(state)
-        point = self._window.point
-        found = point.theta, point.linear, self._basis_spread
-        _check(self._problem, made, self._predictor, self._intake, found)
-        self._use(self._basis)
 
     def predict(self, stamp_ns: IntArray) -> FloatArray:
         """Return the prediction of the next samples (samples,) [N]."""
@@ -294,30 +266,3 @@ class ProjectionEstimator(RestorableWithSettings):
             intensity_span=high - low,
             output_error=float(np.sqrt(intake.error_energy[0] / energy)) if energy > 0.0 else 0.0,
         )
-
-
-def _check(
-    problem: Problem,
-    made: Problem,
-    predictor: Predictor,
-    intake: Intake,
-    found: tuple[FloatArray, ...],
-) -> None:
-    """Raise `IdentificationError` if restored arrays do not have the right shapes."""
-    blocks, functions = problem.blocks, made.blocks.transition.shape[1]
-    capacity = len(blocks.start_ns)
-    wanted = (
-        (blocks, empty_blocks(capacity, functions)),
-        (intake, fresh_intake(functions)),
-        (predictor, (np.zeros(NONLINEAR), np.zeros(functions), np.zeros(2))),
-        (found, (np.zeros(NONLINEAR), np.zeros(functions), np.zeros((functions, functions)))),
-    )
-    alike = all(
-        np.shape(one) == np.shape(other)
-        for record, pattern in wanted
-        for one, other in zip(record, pattern, strict=True)
-    )
-    expect(alike, 'estimator', 'arrays of one model')
-    head, size = int(blocks.head[0]), int(blocks.size[0])
-    inside = 0 <= head < capacity and 0 <= problem.first <= size <= capacity
-    expect(inside and problem.baseline.spacing_ns > 0, 'estimator', 'blocks within the ring')

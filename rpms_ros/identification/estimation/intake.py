@@ -33,7 +33,6 @@ from rpms_ros.identification.estimation.tremor import polynomials, seconds, wave
 from rpms_ros.identification.model.basis import LaguerreBasis, transition_generator
 from rpms_ros.identification.model.recruitment import counted
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray
-from rpms_ros.saved_state import Restorable, expect
 
 OUTPUT_ERROR_TIME = 1.0
 
@@ -286,27 +285,18 @@ _SAMPLES = ('_stamp_ns', '_measured', '_force')
 _PULSES = ('_onset_ns', '_intensity', '_weight')
 
 
-class RawSamples(Restorable):
+class RawSamples:
     """Usable samples and pulses of the last seconds, or since the start."""
 
     _stamp_ns: IntArray
     _measured: FloatArray
     _force: FloatArray
-    _size: int
     _onset_ns: IntArray
     _intensity: FloatArray
     _weight: FloatArray
-    _pulses: int
 
     def __init__(self) -> None:
         self.forget()
-
-    def _check_restored(self) -> None:
-        samples = {len(getattr(self, name)) for name in _SAMPLES}
-        pulses = {len(getattr(self, name)) for name in _PULSES}
-        fits = len(samples) == len(pulses) == 1 and 0 <= self._size <= len(self._force)
-        within = 0 <= self._pulses <= len(self._onset_ns)
-        expect(fits and within, 'RawSamples', 'as many forces as stamps')
 
     def forget(self) -> None:
         """Forget everything."""

@@ -49,7 +49,6 @@ from rpms_ros.identification.estimation.prior import (
 from rpms_ros.identification.estimation.settings import Problem, ProjectionSettings
 from rpms_ros.identification.estimation.tremor import SEARCHED_NS, Tremor, repetition_rates
 from rpms_ros.identification.estimation.window_equations import (
-    Origin,
     no_change,
     point_at,
     time_scale_derivative,
@@ -79,7 +78,6 @@ from rpms_ros.identification.quality.doubts import (
     doubted,
 )
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray
-from rpms_ros.saved_state import Restorable
 
 RATE_NAMES = ('force_percent', 'time_constant_percent', 'u_thr', 'u_sat')
 _MINUTE = 60.0
@@ -236,7 +234,7 @@ _TRIAL_STEPS = 5
 _DECISION = 3.0
 
 
-class Multistart(Restorable):
+class Multistart:
     """Tries other starts, in turn.
 
     Parameters
@@ -244,8 +242,6 @@ class Multistart(Restorable):
     starts : sequence of ndarray (26,)
         theta of each (26,).
     """
-
-    _turn: int
 
     def __init__(self, starts: Sequence[FloatArray]) -> None:
         self._starts = starts
@@ -355,15 +351,6 @@ class TrackingEstimator(ProjectionEstimator):
 
     name = 'tracking'
 
-    _last_ns: int | None
-    _schedule: BasisSchedule
-    _multistart: Multistart
-    _from_before: bool
-    _knowledge: Knowledge
-    _origin: Origin
-    _watch: ChangeWatch
-    _tremor: Tremor
-
     def __init__(
         self,
         settings: TrackingSettings | None = None,
@@ -377,7 +364,7 @@ class TrackingEstimator(ProjectionEstimator):
         super().__init__(settings, rate_hz, self._capacity)
         self._step_ns = round(settings.step_period * NANOSECONDS_PER_SECOND)
         functions = settings.basis.functions
-        self._last_ns = None
+        self._last_ns: int | None = None
         self._schedule = BasisSchedule()
         self._multistart = Multistart(settings.starts())
         self._from_before = False

@@ -14,7 +14,6 @@ import numpy as np
 
 from rpms_ros.identification.estimation.blocks import BlockStatistics, ring_order
 from rpms_ros.pulses import BoolArray, FloatArray, IntArray
-from rpms_ros.saved_state import Restorable
 
 _BIN_NS = 10_000_000
 # Bins that are searched for a line, and to which its amplitude is fitted.
@@ -47,7 +46,7 @@ def repetition_rates(blocks: BlockStatistics) -> FloatArray:
     return rates if len(rates) <= _MOST_RATES else rates[:0]
 
 
-class Tremor(Restorable):
+class Tremor:
     """A sinusoidal force that the stimulation does not cause.
 
     Attributes
@@ -55,14 +54,6 @@ class Tremor(Restorable):
     frequency : float
         Frequency [Hz], 0 without a tremor.
     """
-
-    frequency: float
-    _cosine: float
-    _sine: float
-    _sum: FloatArray
-    _count: FloatArray
-    _newest: int
-    _rejected: int
 
     def __init__(self) -> None:
         self._sum = np.zeros((2, _SEARCHED))

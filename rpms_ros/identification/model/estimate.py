@@ -5,7 +5,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -188,31 +188,6 @@ class Estimator(Protocol):
 
     def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
         """Return the present estimate."""
-
-
-@runtime_checkable
-class RestorableEstimator(Estimator, Protocol):
-    """An estimator whose state can be saved to a file and restored.
-
-    `rpms_ros.saved_state.RestorableWithSettings` implements both methods.
-    """
-
-    def state(self) -> Mapping[str, Any]:
-        """Return the whole state, and the settings for which it is valid.
-
-        The values are None, bool, int, float, str, ndarray, and lists and mappings (names to
-        values) of these; arrays are copies.
-        """
-
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """Restore what `state` has returned; all later results are the same to the bit.
-
-        Raises
-        ------
-        IdentificationError
-            If it was saved with other settings or is no such state: it comes from a file, so
-            types, shapes and indices have to be checked before they are used.
-        """
 
 
 @runtime_checkable

@@ -32,7 +32,6 @@ import numpy as np
 from rpms_ros.errors import IdentificationError
 from rpms_ros.muscle.twitch import twitch
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray, nanoseconds
-from rpms_ros.saved_state import Restorable, expect
 
 
 @dataclass(frozen=True)
@@ -178,7 +177,7 @@ class TemporalSummation(HistoryLaw):
         return cls.of_analysis(document)
 
 
-class PulseHistory(Restorable):
+class PulseHistory:
     """Computes the weights of pulses one after another.
 
     Parameters
@@ -188,11 +187,6 @@ class PulseHistory(Restorable):
     rate_hz : float
         Rate at which the weight of a steady train is 1 [Hz].
     """
-
-    _onset_ns: IntArray
-    _gain: FloatArray
-    _weight: FloatArray
-    _left: float
 
     def __init__(self, law: TemporalSummation, rate_hz: float) -> None:
         self._law = law
@@ -246,7 +240,3 @@ class PulseHistory(Restorable):
             self._weight = np.append(self._weight[recent], weight)
             self._left = left
         return weight
-
-    def _check_restored(self) -> None:
-        shapes = {self._onset_ns.shape, self._gain.shape, self._weight.shape}
-        expect(len(shapes) == 1 and self._onset_ns.ndim == 1, 'PulseHistory', 'as many gains')

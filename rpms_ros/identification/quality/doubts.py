@@ -27,7 +27,6 @@ import numpy as np
 
 from rpms_ros.identification.model.estimate import Estimate
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray
-from rpms_ros.saved_state import Restorable, expect
 
 FORCE_NOT_FINITE = 'force_not_finite'
 FORCE_OUT_OF_BOUNDS = 'force_out_of_bounds'
@@ -164,7 +163,7 @@ REASON: Mapping[str, str] = {
 """Explanation of each doubt, by its name."""
 
 
-class FaultCounter(Restorable):
+class FaultCounter:
     """Counts faults by name, at once or when the samples before them are processed.
 
     Parameters
@@ -173,16 +172,10 @@ class FaultCounter(Restorable):
         Faults besides `MEANING` that may be counted, with what they mean.
     """
 
-    _counts: dict[str, int]
-    _postponed: dict[tuple[int, str], int]
-
     def __init__(self, further: Mapping[str, str] | None = None) -> None:
         self._meaning = {**MEANING, **(further or {})}
-        self._counts = {}
-        self._postponed = {}
-
-    def _check_restored(self) -> None:
-        expect(set(self._counts) <= set(self._meaning), 'FaultCounter', 'known faults')
+        self._counts: dict[str, int] = {}
+        self._postponed: dict[tuple[int, str], int] = {}
 
     def add(self, name: str, count: int = 1) -> None:
         """Count `count` more faults of a known kind."""
@@ -216,7 +209,7 @@ _LEAST_SAMPLES = 1000
 _RECENT_CELLS = 300
 
 
-class Doubts(Restorable):
+class Doubts:
     """Keeps the shares of faults over the last half minute and over the whole session.
 
     Parameters
@@ -227,14 +220,11 @@ class Doubts(Restorable):
         Whether a doubt stays until the end, as for an estimator that forgets nothing.
     """
 
-    _notes: deque[tuple[int, int, dict[str, int]]]
-    _found: set[str]
-
     def __init__(self, shares: Mapping[str, float], lasting: bool) -> None:
         self._shares = {**LARGEST_SHARES, **shares}
         self._lasting = lasting
-        self._notes = deque([(0, 0, {})])
-        self._found = set()
+        self._notes: deque[tuple[int, int, dict[str, int]]] = deque([(0, 0, {})])
+        self._found: set[str] = set()
 
     def note(self, cells: int, samples: int, counts: Mapping[str, int]) -> None:
         """Store the total counts after so many cells and samples."""
@@ -287,30 +277,17 @@ _CHANCE = 4.0
 _LEAST_SPREAD = 0.05
 
 
-class ResponseMisfit(Restorable):
+class ResponseMisfit:
     """Regression of the prediction errors on the pulses, over the last seconds."""
-
-    _onset_ns: IntArray
-    _intensity: FloatArray
-    _by_lag: FloatArray
-    _over_all: FloatArray
-    _cell: int | None
-    _cells: int
 
     def __init__(self) -> None:
         self.restart()
-
-    def _check_restored(self) -> None:
-        sums = self._by_lag.shape == (_SECONDS, _BINS, _SUMS)
-        sums = sums and self._over_all.shape == (_SECONDS, _ALL) and self._cells >= 0
-        pulses = self._onset_ns.shape == self._intensity.shape == (len(self._onset_ns),)
-        expect(sums and pulses, 'ResponseMisfit', 'arrays of one size')
 
     def restart(self) -> None:
         """Forget everything: the clock has jumped."""
         self._onset_ns = np.empty(0, dtype=np.int64)
         self._intensity = np.empty(0)
-        self._cell = None
+        self._cell: int | None = None
         self._cells = 0
         self._by_lag = np.zeros((_SECONDS, _BINS, _SUMS))
         self._over_all = np.zeros((_SECONDS, _ALL))
@@ -423,21 +400,15 @@ _RESPONSE_NEGATIVE = 0.25
 _SLOWER = 0.7
 
 
-class PlausibilityCheck(Restorable):
+class PlausibilityCheck:
     """Compares an estimate with the largest force and intensity that the estimator was given."""
-
-    largest_force: float
-    largest_intensity: float
-    _pulses: int
-    _time_ns: int
-    _last_ns: int | None
 
     def __init__(self) -> None:
         self.largest_force = 0.0
         self.largest_intensity = 0.0
         self._pulses = 0
         self._time_ns = 0
-        self._last_ns = None
+        self._last_ns: int | None = None
 
     def add_pulses(self, onset_ns: IntArray, intensity: FloatArray) -> None:
         """Add pulses (pulses,), ascending [ns, 1]."""

@@ -4,7 +4,6 @@
 
 import math
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
@@ -33,17 +32,13 @@ from rpms_ros.muscle.recruitment import (
     identified_recruitment,
 )
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, nanoseconds
-from rpms_ros.saved_state import RestorableWithSettings, State, described, expect, plain, typed
 
 RESPONSE_STEP = 5e-3
 # Initial room for pulses that act at the same time.
 ACTING_PULSES = 32
-# Key of the recursion in a saved state, and what it is there.
-_RECURSION = 'recursion'
-_SAVED = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, IntArray]
 
 
-class ModifiedRecursiveLM(RestorableWithSettings):
+class ModifiedRecursiveLM:
     """Modified recursive Levenberg-Marquardt over the separable Hammerstein model.
 
     Parameters
@@ -63,12 +58,6 @@ class ModifiedRecursiveLM(RestorableWithSettings):
 
     name = 'recursive'
     on_line = True
-
-    _onset_ns: IntArray
-    _intensity: FloatArray
-    _intensity_range: tuple[float, float]
-    _pulses: int
-    _plausibility: PlausibilityCheck
 
     def __init__(
         self,
@@ -121,29 +110,6 @@ class ModifiedRecursiveLM(RestorableWithSettings):
         scalars['error_energy'][0] = 0.0
         scalars['force_energy'][0] = 0.0
         scalars['previous_ns'][0] = 0
-
-    def described_settings(self) -> State:
-        """Return all settings by name."""
-        return {**described(self.settings), 'rate_hz': self.rate_hz}
-
-    def state(self) -> State:
-        """Return the whole state; see `Restorable.state`."""
-        return {**super().state(), _RECURSION: plain(self._saved())}
-
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """Restore a saved state; see `Restorable.restore`."""
-        super().restore({name: value for name, value in state.items() if name != _RECURSION})
-        saved = typed(_SAVED, state.get(_RECURSION), 'ModifiedRecursiveLM.recursion')
-        alike = [one.shape for one in saved] == [one.shape for one in self._saved()]
-        alike = alike and self._onset_ns.shape == self._intensity.shape == (len(self._onset_ns),)
-        expect(alike, 'ModifiedRecursiveLM', 'arrays of one model')
-        self._state = RecursionState._make([*saved[:-1], saved[-1].view(SCALARS)])
-        if len(self._onset_ns):
-            self._make_room()
-
-    def _saved(self) -> list[FloatArray | IntArray]:
-        """Return the arrays of the recursion, its scalars as the bits of integers."""
-        return [*self._state[:-1], self._state.scalars.view(np.int64)]
 
     def update(
         self,

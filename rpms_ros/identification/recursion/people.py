@@ -20,7 +20,6 @@ needed to exceed 20: a knock or a single spike is no change.
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -40,16 +39,12 @@ from rpms_ros.identification.model.levenberg_marquardt import Ending
 from rpms_ros.identification.model.recruitment import PARAMETERS
 from rpms_ros.identification.quality.doubts import FACTORISATION_FAILED, PlausibilityCheck
 from rpms_ros.identification.recursion.fit import (
-    Fit,
     accept,
     empty_fit,
     uncertainty,
 )
 from rpms_ros.identification.recursion.people_kernel import (
-    BLOCKS,
     KNOTS,
-    Memory,
-    PredictionState,
     StepProblem,
     add_block,
     begin_block,
@@ -68,7 +63,6 @@ from rpms_ros.identification.recursion.people_kernel import (
 )
 from rpms_ros.muscle.recruitment import RecruitmentParameters, identified_recruitment
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, nanoseconds
-from rpms_ros.saved_state import Restorable, RestorableWithSettings, State, described, expect
 
 
 def _model() -> ProjectionSettings:
@@ -138,7 +132,7 @@ _LEAST_DEVIATION = 0.2
 _SETTLING_TIME = 5.0
 
 
-class ChangeTest(Restorable):
+class ChangeTest:
     """State of the test.
 
     Attributes
@@ -151,19 +145,10 @@ class ChangeTest(Restorable):
         When the newest change began [ns]; None before one, and after a jump of the clock.
     """
 
-    learnt_s: float
-    changes: int
-    changed_ns: int | None
-    _mean: float
-    _variance: float
-    _blocks: float
-    _sum: float
-    _begun_ns: int
-
     def __init__(self) -> None:
         self.learnt_s = 0.0
         self.changes = 0
-        self.changed_ns = None
+        self.changed_ns: int | None = None
         self._mean = 0.0
         self._variance = 0.0
         self._blocks = 0.0
@@ -215,15 +200,8 @@ _LENGTH_NS = (100_000_000, 500_000_000, 2_000_000_000)
 _LEAST_SUMS = 3.0
 
 
-class ResidualSpread(Restorable):
+class ResidualSpread:
     """Running means of (sum of residuals)^2 / samples, for each length."""
-
-    _cell: list[int]
-    _sum: FloatArray
-    _count: FloatArray
-    _total: FloatArray
-    _weight: FloatArray
-    _kept: FloatArray
 
     def __init__(self) -> None:
         self._cell = [0] * len(_LENGTH_NS)
@@ -273,15 +251,6 @@ class ResidualSpread(Restorable):
         self._kept *= kept
         self._kept += (samples, seconds, recruitment**2)
 
-    def _check_restored(self) -> None:
-        lengths = {len(self._cell), *(len(part) for part in self._sums)}
-        expect(lengths == {len(_LENGTH_NS)}, 'ResidualSpread', f'{len(_LENGTH_NS)} lengths')
-        expect(self._kept.shape == (3,), 'ResidualSpread', '3 sums')
-
-    @property
-    def _sums(self) -> tuple[FloatArray, ...]:
-        return self._sum, self._count, self._total, self._weight
-
     def forget(self) -> None:
         """Forget all earlier blocks."""
         self._total[:] = 0.0
@@ -310,7 +279,7 @@ _FLOOR = 0.01
 _KIND = 'unknown'
 
 
-class FixedSizeRecursion(RestorableWithSettings):
+class FixedSizeRecursion:
     """Recursive Levenberg-Marquardt with sums that are valid for any parameters.
 
     Parameters
@@ -328,19 +297,6 @@ class FixedSizeRecursion(RestorableWithSettings):
 
     name = 'recursive'
     on_line = True
-
-    _memory: Memory
-    _prediction: PredictionState
-    _fit: Fit
-    _steps: int
-    _test: ChangeTest
-    _spread: ResidualSpread
-    _delay_line: PulseDelayLine
-    _fresh: bool
-    _stepped_ns: int | None
-    _pulses: int
-    _plausibility: PlausibilityCheck
-    _intensity_range: tuple[float, float]
 
     def __init__(
         self, settings: FixedSizeSettings = PEOPLE, rate_hz: float = DEFAULT_RATE
@@ -365,7 +321,7 @@ class FixedSizeRecursion(RestorableWithSettings):
         self._test = ChangeTest()
         self._spread = ResidualSpread()
         self._fresh = True
-        self._stepped_ns = None
+        self._stepped_ns: int | None = None
         self._delay_line = PulseDelayLine(model.basis.latency, model.by_rate, rate_hz)
         self._builder = EstimateBuilder(self.name, model.basis, rate_hz, model.confidence)
         self._pulses = 0
@@ -401,24 +357,6 @@ class FixedSizeRecursion(RestorableWithSettings):
         self._prediction.force_energy[0] = 0.0
         self._prediction.squares[0] = 0.0
         self._test.interrupt()
-
-    def described_settings(self) -> State:
-        """Return all settings by name."""
-        return {**described(self.settings), 'rate_hz': self.rate_hz}
-
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """Restore a saved state; see `Restorable.restore`."""
-        made = self._shapes()
-        super().restore(state)
-        expect(self._shapes() == made, type(self).__name__, 'arrays of one model')
-        blocks = self._memory.blocks
-        inside = 0 <= int(blocks.head[0]) < BLOCKS and 0 <= int(blocks.size[0]) <= BLOCKS
-        expect(inside, type(self).__name__, 'blocks within the ring')
-
-    def _shapes(self) -> list[tuple[int, ...]]:
-        memory = self._memory
-        arrays = memory.chains, *memory.blocks, *memory[2:], *self._prediction, *self._fit
-        return [array.shape for array in arrays]
 
     def update(self, stamp_ns: IntArray, force: FloatArray, usable: BoolArray) -> FloatArray:
         """Learn from samples (samples,), ascending; return their a-priori prediction [N].

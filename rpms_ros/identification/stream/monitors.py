@@ -15,12 +15,10 @@ from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
-from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.model.estimate import Estimate
 from rpms_ros.identification.quality import doubts as faults
 from rpms_ros.identification.quality.doubts import FaultCounter
 from rpms_ros.pulses import BoolArray, FloatArray, IntArray
-from rpms_ros.saved_state import Restorable, State, expect, remembered
 
 
 @dataclass(frozen=True)
@@ -146,16 +144,13 @@ class ProcessedSamples:
         )
 
 
-class Monitor(Restorable):
+class Monitor:
     """Receives samples, predictions and estimates of a stream; override what you need.
 
     `examine` and `processed` are called with single cells, in order and each cell once, so that
     the result cannot depend on how messages arrive or are cut into blocks.  To be faster, override
     `examine_all` and `processed_all`, which get all cells that are examined at a time.  A monitor
     that raises is removed, and `monitor_failed` is counted.
-
-    Attributes that are kept between calls are annotated in the body of the class, so that they
-    are part of a saved state (`rpms_ros.saved_state`).
 
     Attributes
     ----------
@@ -169,16 +164,6 @@ class Monitor(Restorable):
 
     faults: ClassVar[Mapping[str, str]] = {}
     doubtful: ClassVar[Mapping[str, float]] = {}
-
-    def state(self) -> State:
-        """Return the state; an attribute that is not annotated is an error."""
-        further = sorted(set(vars(self)) - set(remembered(type(self))))
-        if further:
-            raise IdentificationError(
-                f'expected annotations of all that {type(self).__name__} remembers, '
-                f'got none of {", ".join(further)}'
-            )
-        return super().state()
 
     def examine(self, window: Window) -> Mapping[str, BoolArray]:
         """Return which samples of the cell (last - first,) must not be learnt from, by fault."""
@@ -225,11 +210,10 @@ _SHORT_CELLS, _LONG_CELLS = 10, 50
 _SHORT_FOR_NS = 20_000_000_000
 # Each fault is one bit in the marks of a sample.
 _MOST_FAULTS = 62
-_MONITORS = 'monitors'
 Answer = TypeVar('Answer')
 
 
-class Pipeline(Restorable):
+class Pipeline:
     """Monitors of one stream.
 
     Parameters
@@ -237,7 +221,7 @@ class Pipeline(Restorable):
     monitors : sequence of Monitor
         Called in this order.
     sinks : sequence of Monitor
-        Called after them; not part of the state.
+        Called after them.
     delay_ns : int
         Least time for which samples wait before they are used [ns]; a cell is at most half as
         long, so that the samples of another cell after it are known.
@@ -250,13 +234,6 @@ class Pipeline(Restorable):
         Whether cells are examined one by one.
     """
 
-    _names: list[str]
-    _long_from_ns: int
-    _block: int | None
-    _marks: IntArray
-    _before: tuple[IntArray, FloatArray]
-    _parts: list[tuple[IntArray, FloatArray, FloatArray, BoolArray, IntArray, FloatArray]]
-
     def __init__(
         self,
         monitors: Sequence[Monitor],
@@ -266,7 +243,6 @@ class Pipeline(Restorable):
         counter: FaultCounter,
         on_line: bool = True,
     ) -> None:
-        self._named = tuple(monitors)
         self._monitors = [*monitors, *sinks]
         self._counter = counter
         self._examines = delay_ns >= LEAST_DELAY_NS
@@ -276,36 +252,14 @@ class Pipeline(Restorable):
             self.cell_ns = min(self.cell_ns, look_ahead_ns)
         self._on_line = on_line
         self._look_ahead_ns = look_ahead_ns
-        self._names = []
+        self._names: list[str] = []
         self._long_from_ns = 0
-        self._block = None
+        self._block: int | None = None
         self._marks = np.empty(0, dtype=np.int64)
         self._before = np.empty(0, dtype=np.int64), np.empty(0)
-        self._parts = []
-
-    def state(self) -> State:
-        """Return the state, with that of the monitors that have not failed."""
-        monitors = [one.state() if one in self._monitors else None for one in self._named]
-        return {**super().state(), _MONITORS: monitors}
-
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """Restore a saved state; see `Restorable.restore`."""
-        saved = state.get(_MONITORS)
-        fits = isinstance(saved, list) and len(saved) == len(self._named)
-        expect(fits, 'Pipeline', f'{len(self._named)} monitors')
-        for monitor, one in zip(self._named, state[_MONITORS], strict=True):
-            if one is None:
-                self._monitors.remove(monitor)
-            else:
-                monitor.restore(one)
-        super().restore({name: value for name, value in state.items() if name != _MONITORS})
-
-    def _check_restored(self) -> None:
-        fits = len(self._before[0]) == len(self._before[1]) and len(self._names) <= _MOST_FAULTS
-        for part in self._parts:
-            fits = fits and len({len(column) for column in part[:4]}) == 1
-            fits = fits and len(part[0]) > 0 and len(part[4]) == len(part[5])
-        expect(fits, 'Pipeline', 'columns of one length')
+        self._parts: list[
+            tuple[IntArray, FloatArray, FloatArray, BoolArray, IntArray, FloatArray]
+        ] = []
 
     def begin(self, stamp_ns: int) -> None:
         """Take the stamp of the first sample of a time line [ns]."""

@@ -23,10 +23,9 @@ from rpms_ros.identification.quality.doubts import (
     FaultCounter,
 )
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, PulseTrain
-from rpms_ros.saved_state import Restorable, expect
 
 
-class PulseRoom(Restorable):
+class PulseRoom:
     """Counts pulses by seconds, first come first served.
 
     Who is refused follows from what came before in the same second alone: not from what has been
@@ -38,13 +37,10 @@ class PulseRoom(Restorable):
         So many pulses fit into one second.
     """
 
-    _taken: dict[int, int]
-    _refused: dict[int, int]
-
     def __init__(self, most: int) -> None:
         self._most = most
-        self._taken = {}
-        self._refused = {}
+        self._taken: dict[int, int] = {}
+        self._refused: dict[int, int] = {}
 
     def admitted(self, pulses: PulseTrain, stamp_ns: IntArray) -> PulseTrain:
         """Return the pulses for which there is room in the seconds of these stamps (pulses,)."""
@@ -76,16 +72,11 @@ MOST_PULSES = 100_000
 LONG_AGO = -(2**63)
 
 
-class FarPulses(Restorable):
+class FarPulses:
     """Keeps far pulses, by the newest stamp of the force when they arrived."""
 
-    _kept: list[tuple[int | None, PulseTrain]]
-    _count: int
-    _nearest_ns: int
-    _room: PulseRoom
-
     def __init__(self) -> None:
-        self._kept = []
+        self._kept: list[tuple[int | None, PulseTrain]] = []
         self._count = 0
         self._nearest_ns = 0
         self._room = PulseRoom(MOST_PULSES)
@@ -151,7 +142,7 @@ _FOUND_WITHIN_NS = 2_000_000_000
 _RESTARTS_NS = 10_000_000_000
 
 
-class PulseQueue(Restorable):
+class PulseQueue:
     """Orders pulses by onset and finds lost, doubled and unusable ones.
 
     Parameters
@@ -164,29 +155,19 @@ class PulseQueue(Restorable):
         Where faults are counted.
     """
 
-    _arrived: list[PulseTrain]
-    _ordered: PulseTrain
-    _far: FarPulses
-    _room: PulseRoom
-    _begun_ns: int | None
-    _last_onset_ns: int | None
-    _last_sequence: int | None
-    _last_restart_ns: int
-    _unknown: list[tuple[int, int]]
-
     def __init__(self, memory_ns: int, pulse_look_ahead_ns: int, counter: FaultCounter) -> None:
         self._memory_ns = memory_ns
         self._pulse_look_ahead_ns = pulse_look_ahead_ns
         self._counter = counter
-        self._arrived = []
+        self._arrived: list[PulseTrain] = []
         self._ordered = PulseTrain.of([])
         self._far = FarPulses()
         self._room = PulseRoom(MOST_IN_A_SECOND)
-        self._begun_ns = None
-        self._last_onset_ns = None
-        self._last_sequence = None
+        self._begun_ns: int | None = None
+        self._last_onset_ns: int | None = None
+        self._last_sequence: int | None = None
         self._last_restart_ns = LONG_AGO
-        self._unknown = []
+        self._unknown: list[tuple[int, int]] = []
 
     def add(self, pulses: PulseTrain, newest_ns: int | None = None) -> None:
         """Add pulses, in any order, none too late.
@@ -336,7 +317,7 @@ _PATIENCE_NS = NANOSECONDS_PER_SECOND
 _MOST_STRAYS = 1000
 
 
-class StrayPulses(Restorable):
+class StrayPulses:
     """Keeps stray pulses until the force shows whether the clock has jumped.
 
     The result does not depend on how the stream is cut into blocks.
@@ -347,17 +328,13 @@ class StrayPulses(Restorable):
         How long before the force a pulse of a new time line may arrive [ns].
     """
 
-    _kept: deque[tuple[int, PulseTrain]]
-    _count: int
-    _late: deque[tuple[int, int]]
-
     def __init__(self, overtaking_ns: int) -> None:
         self._overtaking_ns = overtaking_ns
         # While a pulse may be of a new time line, it is not late.
         self._patience_ns = max(_PATIENCE_NS, overtaking_ns)
-        self._kept = deque()
+        self._kept: deque[tuple[int, PulseTrain]] = deque()
         self._count = 0
-        self._late = deque()
+        self._late: deque[tuple[int, int]] = deque()
 
     def add(self, pulses: PulseTrain, newest_ns: int) -> None:
         """Keep pulses that arrived when the newest force was at `newest_ns`; they may be none."""
@@ -415,7 +392,7 @@ _RESPONSE_BINS, _LEAST_REST = 120, 200
 _ALIKE, _CERTAIN, _PERIODS = 0.25, 4.0, 4
 
 
-class Alignment(Restorable):
+class Alignment:
     """Whether force and pulses belong together in time, over the last half minute of a stream.
 
     Pulses of another clock arrive far from the force that came before them, all by the same
@@ -434,23 +411,15 @@ class Alignment(Restorable):
         Doubts by name, each with its reason for people.
     """
 
-    found: dict[str, str]
-    _strange: deque[tuple[int, int, int]]
-    _newest_bin: int | None
-    _bins: FloatArray
-
     def __init__(self, lasting: bool) -> None:
         self._lasting = lasting
-        self.found = {}
+        self.found: dict[str, str] = {}
         self.restart()
-
-    def _check_restored(self) -> None:
-        expect(self._bins.shape == (4, _BINS), 'Alignment', f'four times {_BINS} sums')
 
     def restart(self) -> None:
         """Forget earlier stamps: the clock has jumped."""
-        self._strange = deque(maxlen=_STRANGE)
-        self._newest_bin = None
+        self._strange: deque[tuple[int, int, int]] = deque(maxlen=_STRANGE)
+        self._newest_bin: int | None = None
         self._bins = np.zeros((4, _BINS))
 
     def arrived_apart(self, onset_ns: IntArray, newest_ns: int) -> None:

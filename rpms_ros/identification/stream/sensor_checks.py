@@ -25,7 +25,6 @@ from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.quality import doubts as faults
 from rpms_ros.identification.stream.monitors import Monitor, ProcessedSamples, Window
 from rpms_ros.pulses import BoolArray, FloatArray, IntArray
-from rpms_ros.saved_state import expect
 
 # Shorter repetitions of one value come from the resolution of the sensor.
 _FROZEN_NS = 80_000_000
@@ -56,11 +55,6 @@ _TOP, _TOP_COUNT, _NEXT, _NEXT_COUNT, _RUN, _LONGEST_RUN = range(6)
 
 class FrozenSensor(Monitor):
     """Finds `force_frozen`: one value is repeated although the force varied just before."""
-
-    _step: float
-    _begun_ns: int
-    _value: float
-    _steep: bool
 
     def __init__(self) -> None:
         self._step = 0.0
@@ -135,24 +129,13 @@ class ClippedSensor(Monitor):
     pull.  Until they show it, that is the one away from the force at the beginning.
     """
 
-    _highest: FloatArray
-    _lowest: FloatArray
-    _rest: float | None
-    _acting: float
-    _moments: FloatArray
-
     def __init__(self) -> None:
         self._highest = np.array([-np.inf, 0.0, -np.inf, 0.0, 0.0, 0.0])
         self._lowest = self._highest.copy()
-        self._rest = None
+        self._rest: float | None = None
         self._acting = 0.0
         # Sums over cells of products of 1, the stimulation that acts, and the force.
         self._moments = np.zeros((3, 3))
-
-    def _check_restored(self) -> None:
-        fits = self._highest.shape == self._lowest.shape == (6,)
-        fits = fits and self._moments.shape == (3, 3)
-        expect(fits, 'ClippedSensor', 'records of six numbers and moments of three')
 
     def examine_all(self, window: Window) -> Mapping[str, BoolArray]:
         """Return the samples at an end of the range."""
@@ -206,9 +189,6 @@ def _cut_off(record: FloatArray, span: float) -> bool:
 
 class ConstantForce(Monitor):
     """Finds `force_constant`: the force has been exactly constant for three seconds."""
-
-    _value: float
-    _since_ns: int
 
     def __init__(self) -> None:
         self._value = float('nan')
@@ -346,13 +326,9 @@ _FEW = 4
 class UsualResiduals(Monitor):
     """Keeps how large residuals were in the cells of the last three seconds."""
 
-    _sizes: deque[float]
-    _explained: deque[bool]
-    _range: float
-
     def __init__(self) -> None:
-        self._sizes = deque(maxlen=_CELLS)
-        self._explained = deque(maxlen=_CELLS)
+        self._sizes: deque[float] = deque(maxlen=_CELLS)
+        self._explained: deque[bool] = deque(maxlen=_CELLS)
         self._range = 0.0
 
     def restart(self) -> None:
@@ -373,17 +349,12 @@ class UsualResiduals(Monitor):
 class Outliers(UsualResiduals):
     """Finds `force_outlier`."""
 
-    _before: float
-    _begun_ns: int | None
-    _count: int
-    _recent: deque[tuple[int, int]]
-
     def __init__(self) -> None:
         super().__init__()
         self._before = 0.0
-        self._begun_ns = None
+        self._begun_ns: int | None = None
         self._count = 0
-        self._recent = deque(maxlen=_RECENT_CELLS)
+        self._recent: deque[tuple[int, int]] = deque(maxlen=_RECENT_CELLS)
 
     def examine_all(self, window: Window) -> Mapping[str, BoolArray]:
         """Return the samples that are briefly far from their prediction."""
@@ -536,8 +507,6 @@ class Unexplained(UsualResiduals):
     that time.  Predictions that have explained the force for less than ten seconds are not held
     to be good: the first rise of a slow sinusoid does not tell the muscle.
     """
-
-    _learnt: int
 
     def __init__(self) -> None:
         super().__init__()

@@ -11,17 +11,14 @@ it is cut into blocks.
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
-import rpms_ros
 from rpms_ros.errors import IdentificationError, check_number
 from rpms_ros.identification.model.estimate import (
     Estimate,
     Estimator,
     PredictingEstimator,
-    RestorableEstimator,
 )
 from rpms_ros.identification.quality import doubts as faults
 from rpms_ros.identification.quality.doubts import (
@@ -47,15 +44,6 @@ from rpms_ros.pulses import (
     IntArray,
     PulseTrain,
     nanoseconds,
-)
-from rpms_ros.saved_state import (
-    Restorable,
-    RestorableWithSettings,
-    State,
-    described,
-    expect,
-    read_state,
-    write_state,
 )
 
 LARGEST_FORCE = 10_000.0
@@ -113,7 +101,7 @@ _DISORDER = 3
 _DISORDER_NS = NANOSECONDS_PER_SECOND
 
 
-class ForceIntake(Restorable):
+class ForceIntake:
     """Takes samples in the order of arrival and keeps them, with rising stamps, until processed.
 
     Samples that are not finite, larger than a limit, repeated or stamped wrongly are dropped and
@@ -127,24 +115,17 @@ class ForceIntake(Restorable):
         How long learning is suspended after samples out of order [ns].
     """
 
-    _waiting: list[tuple[IntArray, FloatArray]]
-    _count: int
-    newest_ns: int | None
-    _newest_force: float
-    _alone: tuple[int, float] | None
-    _out_of_order: deque[int]
-
     def __init__(self, stream: 'IdentificationStream', memory_ns: int) -> None:
         self._line = stream
         self.gap_ns = nanoseconds(stream.settings.longest_gap)
         self._memory_ns = memory_ns
         self._largest_force = stream.settings.largest_force
-        self._waiting = []
+        self._waiting: list[tuple[IntArray, FloatArray]] = []
         self._count = 0
-        self.newest_ns = None
+        self.newest_ns: int | None = None
         self._newest_force = 0.0
-        self._alone = None
-        self._out_of_order = deque(maxlen=_DISORDER)
+        self._alone: tuple[int, float] | None = None
+        self._out_of_order: deque[int] = deque(maxlen=_DISORDER)
 
     @property
     def in_doubt(self) -> bool:
@@ -194,12 +175,6 @@ class ForceIntake(Restorable):
         if self._alone is not None:
             self._line.postpone(faults.FORCE_STAMP_ALONE)
             self._alone = None
-
-    def _check_restored(self) -> None:
-        fits = all(len(stamps) == len(values) for stamps, values in self._waiting)
-        fits = fits and self._count == sum(len(stamps) for stamps, _ in self._waiting)
-        fits = fits and len(self._waiting) <= self._count
-        expect(fits, 'ForceIntake', 'as many stamps as forces')
 
     def _take(self, stamps: IntArray, values: FloatArray) -> None:
         """Take samples (samples,) of possible values, with stamps of any kind."""
@@ -284,7 +259,7 @@ _NOTE_CELLS = 10
 _ALIGN_CELLS = 50
 
 
-class IdentificationStream(RestorableWithSettings):
+class IdentificationStream:
     """Aligns pulses and force by their stamps and feeds an estimator.
 
     Parameters
@@ -296,24 +271,6 @@ class IdentificationStream(RestorableWithSettings):
     sinks : sequence of Monitor
         Further monitors, which receive all samples, predictions and estimates.
     """
-
-    _counter: FaultCounter
-    _queue: PulseQueue
-    _strays: StrayPulses
-    _intake: ForceIntake
-    _alignment: Alignment
-    # samples after this stamp are predicted and not learnt from [ns]
-    _held_ns: int | None
-    _doubts: Doubts
-    _pipeline: Pipeline
-    _cell: int | None
-    _block: int | None
-    _last_ns: int
-    _samples: int
-    _cells: int
-    _acting_ns: IntArray
-    _settled_early: tuple[IntArray, FloatArray]
-    _misfit: ResponseMisfit
 
     def __init__(
         self,
@@ -337,7 +294,8 @@ class IdentificationStream(RestorableWithSettings):
         self._queue = PulseQueue(self._memory_ns, self._pulse_look_ahead_ns, self._counter)
         self._strays = StrayPulses(2 * self._pulse_look_ahead_ns + self._memory_ns)
         self._intake = ForceIntake(self, self._memory_ns)
-        self._held_ns = None
+        # samples after this stamp are predicted and not learnt from [ns]
+        self._held_ns: int | None = None
         self._alignment = Alignment(lasting=not estimator.on_line)
         self._doubts = Doubts(shares, lasting=not estimator.on_line)
         self._period_ns = nanoseconds(self.settings.estimate_period)
@@ -349,8 +307,8 @@ class IdentificationStream(RestorableWithSettings):
             self._counter,
             estimator.on_line,
         )
-        self._cell = None
-        self._block = None
+        self._cell: int | None = None
+        self._block: int | None = None
         self._finished: list[Estimate] = []
         self._predictor = estimator if isinstance(estimator, PredictingEstimator) else None
         self._last_ns = 0
@@ -471,24 +429,6 @@ class IdentificationStream(RestorableWithSettings):
         self.postpone(faults.FORCE_GAP)
         assert self._intake.newest_ns is not None
         self.exclude(self._intake.newest_ns, until_ns + self._memory_ns)
-
-    def described_settings(self) -> State:
-        """Return all settings by name."""
-        return described(self.settings)
-
-    def state(self) -> State:
-        """Return the whole state, without that of the estimator.
-
-        Raises
-        ------
-        IdentificationError
-            If `advance` has not been called for the newest estimates.
-        """
-        if self._finished:
-            raise IdentificationError(
-                f'expected all estimates taken before a state is saved, got {len(self._finished)}'
-            )
-        return super().state()
 
     def advance(self) -> list[Estimate]:
         """Process the samples that have waited long enough; return the estimates due."""
@@ -651,56 +591,3 @@ def _after(stamp_ns: IntArray, onset_ns: IntArray) -> BoolArray:
     place = np.searchsorted(onset_ns, stamp_ns, side='right')
     since: BoolArray = stamp_ns - onset_ns[np.maximum(place - 1, 0)] <= _ARTIFACT_NS
     return since & (place > 0)
-
-
-def save(path: Path | str, stream: IdentificationStream) -> None:
-    """Save a stream and its estimator; an existing file is replaced atomically.
-
-    Raises
-    ------
-    IdentificationError
-        If the estimator or a monitor cannot be saved, `IdentificationStream.advance` has not
-        been called for the newest estimates, or the file cannot be written.
-    """
-    estimator = _restorable(stream.estimator)
-    write_state(
-        path,
-        {
-            'package': rpms_ros.__version__,
-            'estimator': estimator.name,
-            'estimator_state': dict(estimator.state()),
-            'stream_state': stream.state(),
-        },
-    )
-
-
-def load(path: Path | str, stream: IdentificationStream) -> None:
-    """Restore a fresh stream that has the settings of the saved one.
-
-    If the file is refused, the stream must not be used any more.
-
-    Raises
-    ------
-    IdentificationError
-        If the file cannot be read, is damaged, or is of another version, estimator or settings.
-    """
-    estimator = _restorable(stream.estimator)
-    document = read_state(path)
-    for name, own in (('package', rpms_ros.__version__), ('estimator', estimator.name)):
-        if document.get(name) != own:
-            raise IdentificationError(
-                f'expected a saved state of the {name} {own}, got {document.get(name)!r} in {path}'
-            )
-    try:
-        stream.restore(document['stream_state'])
-        estimator.restore(document['estimator_state'])
-    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
-        raise IdentificationError(f'expected a saved state in {path}, got {error!r}') from error
-
-
-def _restorable(estimator: Estimator) -> RestorableEstimator:
-    if not isinstance(estimator, RestorableEstimator):
-        raise IdentificationError(
-            f'expected an estimator with state() and restore(), got {estimator.name}'
-        )
-    return estimator

@@ -9,13 +9,11 @@ import numpy as np
 import pytest
 
 import rpms_ros
-from rpms_ros.errors import IdentificationError
 from rpms_ros.identification import identify
 from rpms_ros.identification.estimation import window_fit
 from rpms_ros.identification.estimation.tracking import TrackingEstimator, TrackingSettings
 from rpms_ros.identification.model.estimate import CONVERGED
 from rpms_ros.identification.quality.doubts import DISTURBANCE_FOLLOWS
-from rpms_ros.identification.stream.stream import IdentificationStream, load, save
 from rpms_ros.muscle import Contraction, simulation_subject
 from rpms_ros.pulses import ForceTrace, PulseTrain
 
@@ -270,32 +268,6 @@ def test_the_cut_into_blocks_does_not_matter(living_sessions):
     assert estimates[0].curve_upper.tobytes() == estimates[1].curve_upper.tobytes()
 
 
-def test_a_saved_state_goes_on_bit_for_bit(living_sessions, tmp_path):
-    session = living_sessions.session('coil moved', 'random', 0, 48.0)
-    pulses = PulseTrain.regular(session.intensity, 20.0, int(session.onset_ns[0]))
-
-    def fresh():
-        return IdentificationStream(TrackingEstimator())
-
-    def feed(stream, first, last):
-        due = np.searchsorted(pulses.onset_ns, session.stamp_ns[[first, last - 1]])
-        stream.add_pulses(pulses[int(due[0]) : int(due[1])])
-        stream.add_forces(ForceTrace(session.stamp_ns[first:last], session.force[first:last]))
-        stream.advance()
-        return stream.estimate()
-
-    whole = fresh()
-    # while the change is looked at more closely
-    feed(whole, 0, 41_100)
-    save(tmp_path / 'state.npz', whole)
-    again = fresh()
-    load(tmp_path / 'state.npz', again)
-    one, other = feed(whole, 41_100, 44_000), feed(again, 41_100, 44_000)
-    assert one.curve_force.tobytes() == other.curve_force.tobytes()
-    assert one.curve_upper.tobytes() == other.curve_upper.tobytes()
-    assert one.change_kinds == other.change_kinds
-
-
 def test_a_jump_of_the_clock_keeps_what_is_known(living_sessions):
     session = living_sessions.session('steady', 'random', 3, 20.0)
     estimator, estimates = run(session)
@@ -365,13 +337,6 @@ def test_a_fit_that_cannot_be_solved_knows_nothing_and_is_counted(living_session
     known = np.max(before[-1].curve_upper - before[-1].curve_lower)
     width = after.curve_upper - after.curve_lower
     assert not len(width) or np.max(width) > 1e3 * known
-
-
-def test_a_state_with_fewer_forces_than_stamps_is_refused():
-    state = TrackingEstimator().state()
-    state['_raw']['_measured'] = np.zeros(10)
-    with pytest.raises(IdentificationError, match='as many forces as stamps in the saved Raw'):
-        TrackingEstimator().restore(state)
 
 
 def test_an_effort_that_follows_the_intensity_is_doubted(league):
