@@ -122,9 +122,9 @@ def test_tracking_keeps_what_it_knew_of_a_patient_who_has_changed_little(last_ti
     subject = replace(other_day(), time_constant=1.03 * LAST_TIME.time_constant)
     seeds = (9, 15, 17, 24, 27)
     found = [errors(subject, 0.6, seed, last_time)[0][10] for seed in seeds]
-    # An estimator that knows all but the changes has up to 3 % (bench/warm_start.py).
-    assert np.median(found) < 0.01
-    assert max(found) < 0.02
+    # Without it these have 7 to 13 %; a result does not say how its errors go together.
+    assert np.median(found) < 0.03
+    assert max(found) < 0.04
 
 
 @pytest.mark.long
