@@ -79,7 +79,7 @@ setup(
             'ros-std-msgs==5.3.6',
             'ros-std-srvs==5.3.6',
         ],
-        'formats': ['openpyxl'],
+        'formats': ['openpyxl', 'pyxdf'],
         'test': ['hypothesis', 'jsonschema', 'pytest', 'pytest-timeout'],
     },
     entry_points={

@@ -304,6 +304,8 @@ class LiveSession:
         Of what the sensor measures.
     own : str
         Name of the page's node, with its namespace.
+    first_curve_s : float
+        How long an identifier takes from its start to its first curve [s].
     """
 
     def __init__(
@@ -313,9 +315,12 @@ class LiveSession:
         can_stop: bool = False,
         unit: str = 'N',
         own: str = '/live_page',
+        first_curve_s: float = 60.0,
     ) -> None:
         self.title = namespace.strip('/').replace('_', ' ') or _UNNAMED
         self._own = re.compile(rf'(?<!\w){re.escape(own)}(?![\w/])')
+        self._first_curve_s = first_curve_s
+        self._began: float | None = None
         self.unit = unit
         self.topics = topics
         self.can_stop = can_stop
@@ -445,16 +450,20 @@ class LiveSession:
             'title': self.title,
             'alarms': alarms,
             'old': old,
-            'waiting': self._waiting() if self._estimate is None else '',
+            'waiting': self._waiting(now) if self._estimate is None else '',
             'next': _UNHEARD if lost else _NEXT.get(self.state, ''),
         }
 
-    def _waiting(self) -> str:
+    def _waiting(self, now: float) -> str:
         """Return why there is no estimate yet."""
+        self._began = now if self._began is None else self._began
         if self.topics[ESTIMATE].publishers:
             asleep = not self.topics[FORCE].count
             return f'the identifier waits for {"force" if asleep else "pulses"}'
-        return 'no identifier is heard; one that compiles takes a minute, on a busy machine longer'
+        left = self._first_curve_s - (now - self._began)
+        if left > 0.0:
+            return f'compiling, first curve in about {5 * math.ceil(left / 5.0)} s'
+        return f'no identifier for {now - self._began:.0f} s: is it running, or the machine busy?'
 
     def frame(self, cursor: Cursor) -> tuple[Cursor, dict[str, Any] | None]:
         """Return what a browser does not have, as JSON takes it, and its new cursor.

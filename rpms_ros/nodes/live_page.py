@@ -16,6 +16,8 @@ and leaves; the driver stays stopped until somebody resets it.
 """
 
 import math
+import os
+import platform
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -330,6 +332,7 @@ class LivePage(NodeOfParts):
             bool(token),
             UNITS[settings.quantity],
             self.get_fully_qualified_name(),
+            _first_curve_s(),
         )
         self.stop: LiveStop | None = None
         if token:
@@ -363,6 +366,13 @@ class LivePage(NodeOfParts):
 
     def _tell(self, pressed: bool, text: str) -> None:
         self.server.call(lambda: self.session.stop(pressed, text))
+
+
+def _first_curve_s() -> float:
+    """Return how long it takes to the first curve [s]: as `bench/first_curve.py` measured it."""
+    folder = os.environ.get('NUMBA_CACHE_DIR', '')
+    compiled = any(Path(folder).glob(f'compiled-*-{platform.node()}')) if folder else False
+    return 10.0 if compiled else 60.0
 
 
 def serve(

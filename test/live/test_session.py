@@ -262,8 +262,10 @@ def test_the_next_step_of_the_operator_is_on_top(session, make_status):
     assert 'switch of the stimulator' in top_at(session, 60.0)['next']
 
 
-def test_before_the_first_curve_the_page_says_what_is_waited_for(session, make_estimate):
-    assert top_at(session, 100.0)['waiting'].startswith('no identifier is heard; one that compil')
+def test_before_the_first_curve_the_page_says_how_long_it_takes(session, make_estimate):
+    assert top_at(session, 100.0)['waiting'] == 'compiling, first curve in about 60 s'
+    assert top_at(session, 143.0)['waiting'] == 'compiling, first curve in about 20 s'
+    assert top_at(session, 190.0)['waiting'].startswith('no identifier for 90 s')
     session.topics['estimate'].publishers = [Publisher('/identifier', '')]
     assert top_at(session, 191.0)['waiting'] == 'the identifier waits for force'
     session.estimate(make_estimate())

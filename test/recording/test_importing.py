@@ -278,11 +278,71 @@ def test_volts_that_a_header_states_are_no_newtons(tmp_path):
     expect_the_session(*imported(path, force_scale=2.0), scale=2.0)
 
 
-def test_a_package_that_is_missing_is_named(tmp_path, monkeypatch):
-    (tmp_path / 'a.xlsx').write_bytes(b'PK\x03\x04')
-    monkeypatch.setitem(sys.modules, 'openpyxl', None)
-    with pytest.raises(RecordingError, match=r"expected openpyxl for .* 'rpms_ros\[formats\]'"):
-        read_signals(tmp_path / 'a.xlsx')
+XDF_HEADER = (
+    '<?xml version="1.0"?><info><name>{}</name><type>F</type><channel_count>1</channel_count>'
+    '<nominal_srate>{}</nominal_srate><channel_format>{}</channel_format></info>'
+)
+
+
+def xdf_stream(stream_id, header, samples, count):
+    """Chunks of one stream, as the specification of XDF has them."""
+
+    def chunk(tag, content):
+        body = tag.to_bytes(2, 'little') + content
+        return b'\x04' + len(body).to_bytes(4, 'little') + body
+
+    number = stream_id.to_bytes(4, 'little')
+    many = b'\x04' + count.to_bytes(4, 'little')
+    return (
+        chunk(2, number + header.encode())
+        + chunk(3, number + many + samples)
+        + chunk(6, number + b'<?xml version="1.0"?><info></info>')
+    )
+
+
+def test_xdf(tmp_path):
+    pytest.importorskip('pyxdf')
+    stamped = b''.join(
+        b'\x08' + np.float64(5.0 + t).tobytes() + np.float64(f).tobytes()
+        for t, f in zip(TIME, FORCE, strict=True)
+    )
+    marks = b''.join(
+        b'\x08' + np.float64(5.0 + TIME[place]).tobytes() + b'\x01\x05pulse' for place in ONSETS
+    )
+    path = tmp_path / 'session.xdf'
+    path.write_bytes(
+        b'XDF:'
+        + xdf_stream(1, XDF_HEADER.format('force', 1000, 'double64'), stamped, COUNT)
+        + xdf_stream(2, XDF_HEADER.format('triggers', 0, 'string'), marks, len(ONSETS))
+    )
+    file = read_signals(path)
+    assert file.kind == 'XDF'
+    pulses, forces = imported(path)
+    np.testing.assert_allclose(forces.force, FORCE)
+    # pyxdf draws a straight line through the stamps of a regular stream: within a microsecond
+    np.testing.assert_allclose(forces.stamp_ns, 1e9 * TIME, atol=1000.0)
+    np.testing.assert_allclose(pulses.onset_ns, [1e6 * place for place in ONSETS], atol=1000.0)
+
+
+@pytest.mark.parametrize('streams', ['', 'empty'])
+def test_an_xdf_file_without_samples_is_refused(tmp_path, streams):
+    pytest.importorskip('pyxdf')
+    stream = xdf_stream(1, XDF_HEADER.format('force', 1000, 'double64'), b'', 0)
+    path = tmp_path / 'session.xdf'
+    path.write_bytes(b'XDF:' + (stream if streams else b''))
+    with pytest.raises(RecordingError, match=r'expected a sampled stream in .*session\.xdf'):
+        read_signals(path)
+
+
+@pytest.mark.parametrize(
+    ('package', 'name', 'head'),
+    [('openpyxl', 'a.xlsx', b'PK\x03\x04'), ('pyxdf', 'a.xdf', b'XDF:')],
+)
+def test_a_package_that_is_missing_is_named(tmp_path, monkeypatch, package, name, head):
+    (tmp_path / name).write_bytes(head)
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(RecordingError, match=rf"expected {package} for .* 'rpms_ros\[formats\]'"):
+        read_signals(tmp_path / name)
 
 
 def table(path, **columns):

@@ -56,10 +56,10 @@ _SCOUTING_STEPS, _FINAL_STEPS = 6, 20
 # Most intervals of the disturbance: those of a long recording are longer.
 _MOST_INTERVALS = 480
 # The part of a recording that chooses the basis, before its last strong pulse, the least samples
-# for that, and the length from which it is chosen for predictions already.
+# for that, and the length from which the whole grid of bases is searched once more.
 _CHOSEN_NS = 40 * NANOSECONDS_PER_SECOND
 _LEAST_SAMPLES = 500
-_LEAST_SEARCHED_NS = 10 * NANOSECONDS_PER_SECOND
+_SEARCHED_AGAIN_NS = 10 * NANOSECONDS_PER_SECOND
 _CHOICE_STEPS = 10
 # Where the clock has jumped, recordings are put one after the other with this distance.
 _APART_NS = 60 * NANOSECONDS_PER_SECOND
@@ -104,7 +104,7 @@ class BatchEstimator(ProjectionEstimator):
         self._last_ns = 0
         self._due_ns = 0
         self._fitted_samples = 0
-        self._searched = False
+        self._searches = 0
         self._compared_ns = 0
         self._shift_ns = 0
         self._jumped = False
@@ -233,15 +233,15 @@ class BatchEstimator(ProjectionEstimator):
     def _choose_basis(self, final: bool) -> bool:
         """Choose the basis that explains the recording best; return whether it has changed.
 
-        Only if `final` in a short recording, or among those next to the present one: what a fit
-        for predictions alone would gain by them is little.
+        Among those next to the present one only if `final`: what a fit for predictions alone
+        would gain by one of them is little.
         """
         strong_ns = self._raw.last_strong_ns(self._last_ns)
         if strong_ns is None or strong_ns == self._compared_ns:
             return False
         first_ns = max(strong_ns - _CHOSEN_NS, self._raw.first_ns)
-        everywhere = not self._searched
-        if not final and (self._searched or strong_ns - first_ns < _LEAST_SEARCHED_NS):
+        everywhere = self._searches < 1 + (strong_ns - first_ns > _SEARCHED_AGAIN_NS)
+        if not (everywhere or final):
             return False
         # a search everywhere is one anew: the basis of few samples has no right of its own
         present = self.settings.basis if everywhere else self._basis
@@ -258,7 +258,7 @@ class BatchEstimator(ProjectionEstimator):
             fit = replace(self._window, levels=np.zeros(2), first=0)
         gauss_newton_steps(problem, fit, knowledge, window, _CHOICE_STEPS)
         choice = BasisChoice(self._raw, present, fit, knowledge, window, None)
-        self._searched = True
+        self._searches += everywhere
         basis = choice.better(everywhere)
         self._basis_spread = choice.spread(basis)
         if basis == self._basis:

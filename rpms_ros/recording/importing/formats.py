@@ -1,9 +1,9 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Files that a library reads: MATLAB up to version 7, Excel workbooks.
+"""Files that a library reads: MATLAB up to version 7, Excel workbooks, XDF.
 
 Of MATLAB every vector and every column of a matrix, in structures too; of Excel one sheet as a
-table, its numbers below a header.
+table, its numbers below a header; of XDF the streams of the Lab Streaming Layer, put on one clock.
 """
 
 import pickle
@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -195,3 +196,64 @@ def _chosen(path: Path, names: list[str], sheet: str | None) -> str:
     if sheet is not None and sheet not in names:
         raise RecordingError(f'expected a sheet of {", ".join(names)} in {path}, got {sheet!r}')
     return sheet or names[0]
+
+
+def read_xdf(path: Path) -> SignalFile:
+    """Return channels as signals and irregular streams as events, in the recorder's clock.
+
+    Raises
+    ------
+    RecordingError
+        If pyxdf is not installed or the file is damaged.
+    """
+    pyxdf = needed('pyxdf', f'an XDF file ({path})')
+    try:
+        streams, _ = pyxdf.load_xdf(str(path), verbose=False)
+        signals, events = _sorted(streams)
+    # pyxdf raises whatever the damage leads to, and gives streams that lack any part
+    except Exception as error:
+        raise RecordingError(f'expected an XDF file at {path}, got {error}') from error
+    begins = [one.time[0] for one in signals if one.time is not None and len(one.time)]
+    if not begins:
+        raise RecordingError(f'expected a sampled stream in {path}, got {len(events)} of events')
+    start = float(min(begins))
+    return SignalFile(
+        path,
+        'XDF',
+        tuple(replace(one, time=one.time - start) for one in signals if one.time is not None),
+        tuple(replace(one, time=one.time - start) for one in events),
+    )
+
+
+def _sorted(streams: list[dict[str, Any]]) -> tuple[list[Signal], list[Events]]:
+    """Return the channels of sampled streams, and the others as events."""
+    signals: list[Signal] = []
+    events: list[Events] = []
+    for stream in streams:
+        name = str(stream['info']['name'][0])
+        time = np.asarray(stream['time_stamps'], dtype=np.float64)
+        series = stream['time_series']
+        if isinstance(series, list) or not float(stream['info']['nominal_srate'][0]) > 0.0:
+            events.append(Events(name, time))
+            continue
+        values = np.asarray(series, dtype=np.float64)
+        for index, (label, unit) in enumerate(_channels(stream, values.shape[1])):
+            title = f'{name} {label}' if label else name
+            signals.append(Signal(title, np.ascontiguousarray(values[:, index]), unit, time))
+    return signals, events
+
+
+def _channels(stream: dict[str, Any], count: int) -> list[tuple[str, str]]:
+    """Return label and unit of each channel, empty where they are not stated."""
+    try:
+        listed = stream['info']['desc'][0]['channels'][0]['channel']
+        found = [(_told(one, 'label'), _told(one, 'unit')) for one in listed]
+    except (KeyError, IndexError, TypeError):
+        found = []
+    plain = [(str(index + 1) if count > 1 else '', '') for index in range(count)]
+    return found if len(found) == count else plain
+
+
+def _told(item: dict[str, Any], key: str) -> str:
+    value = item.get(key)
+    return str(value[0]) if value and value[0] else ''

@@ -22,7 +22,7 @@ from rpms_ros.pulses import (
     IntArray,
     PulseTrain,
 )
-from rpms_ros.recording.importing.formats import read_excel, read_matlab
+from rpms_ros.recording.importing.formats import read_excel, read_matlab, read_xdf
 from rpms_ros.recording.importing.gates import (
     gate_pulses,
     heights_told,
@@ -320,7 +320,7 @@ def begins_amid(pulses: PulseTrain, forces: ForceTrace) -> bool:
     return bool(low + least < level < high - least)
 
 
-_ZIP, _HDF5, _MATLAB = b'PK\x03\x04', b'\x89HDF', b'MATLAB'
+_ZIP, _XDF, _HDF5, _MATLAB = b'PK\x03\x04', b'XDF:', b'\x89HDF', b'MATLAB'
 # Elements of a MATLAB file of version 5: plain and packed.
 _MATRIX, _PACKED = 14, 15
 
@@ -376,7 +376,7 @@ def read_signals(path: Path, block: int | None = None, sheet: str | None = None)
     Parameters
     ----------
     path : Path
-        Table of text, LabChart text, MATLAB or Excel file.
+        Table of text, LabChart text, MATLAB, Excel or XDF file.
     block : int, optional
         Block of a LabChart file, from 1.
     sheet : str, optional
@@ -388,10 +388,9 @@ def read_signals(path: Path, block: int | None = None, sheet: str | None = None)
         If it cannot be read; the message says what was expected and which option decides.
     """
     # A pipe would be waited for without end.
-    if not path.exists():
-        raise RecordingError(f'expected a file at {path}, got no such file')
     if not path.is_file():
-        raise RecordingError(f'expected a file at {path}, got no regular file')
+        what = 'regular' if path.exists() else 'such'
+        raise RecordingError(f'expected a file at {path}, got no {what} file')
     try:
         with path.open('rb') as file:
             head = file.read(1024)
@@ -408,6 +407,8 @@ def read_signals(path: Path, block: int | None = None, sheet: str | None = None)
             f"expected a MATLAB file up to version 7, as save(..., '-v7') writes it, got 7.3 in "
             f'{path}'
         )
+    elif head.startswith(_XDF):
+        known = read_xdf
     elif head.startswith(_MATLAB) or path.suffix.lower() == '.mat':
         known = read_matlab
     if known is None:
