@@ -137,7 +137,7 @@ def _left_out(name: str, value: Any, message: Any) -> bool:
     """Return whether a field stands for a key that a file would not have."""
     if name == 'seed':
         return not message.own_seed
-    return bool(name == 'final_rate_hz' and value == 0.0)
+    return name in ('final_rate_hz', 'catch_share') and value == 0.0
 
 
 def _unread(kind: str, name: str, value: object) -> str:

@@ -22,7 +22,7 @@ segments:
   - {kind: constant, rate_hz: 20.0, duration_s: 1.0, final_rate_hz: 30.0, intensity: 0.5}
   - {kind: ramp, rate_hz: 20.0, duration_s: 1.0, start: 0.2, end: 0.4}
   - {kind: staircase, rate_hz: 20.0, duration_s: 1.0, levels: [0.1, 0.2]}
-  - {kind: sinusoid, rate_hz: 20.0, duration_s: 1.0, low: 0.1, high: 0.6, period_s: 0.5}
+  - {kind: sinusoid, rate_hz: 20.0, duration_s: 1.0, high: 0.6, period_s: 0.5, catch_share: 0.2}
   - kind: repeat
     times: 3
     segments:

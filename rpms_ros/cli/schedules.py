@@ -21,15 +21,17 @@ if TYPE_CHECKING:
     from rpms_ros.stimulation.schedule.schedule import Schedule
 
 _MOST_WAITS = 5
+# Tells recruitment from an effort that follows what is felt.
+_CATCH = 0.1
 
 
 PROTOCOLS = {
     'uniform_random': ('paper_random', 'uniform random intensity, 0 to 100 % at 20 Hz for 90 s'),
     'sinusoid': (
         'paper_sinusoid',
-        'sinusoidal intensity of period 9 s, 0 to 100 % at 20 Hz for 90 s',
+        'sinusoidal intensity of period 9 s, 0 to 100 % at 20 Hz for 90 s, catch pulses in it',
     ),
-    'staircase': ('staircase', 'six levels from 0 to 100 % at 20 Hz, 3 s each'),
+    'staircase': ('staircase', 'six levels from 0 to 100 % at 20 Hz, 3 s each, catch pulses'),
     'constant': ('constant', '100 % at 20 Hz for 10 s'),
     'twitches': ('twitches', 'single pulses at six intensities, a second apart, shuffled'),
     'trains': ('trains', 'trains of 1.5 s at 5 to 35 Hz, single pulses before them'),
@@ -52,6 +54,8 @@ def built(name: str, arguments: argparse.Namespace) -> 'Schedule':
     maker = getattr(protocols, PROTOCOLS[name][0])
     taken = signature(maker).parameters
     given: dict[str, Any] = {}
+    if (catch := arguments.catch) is not None or 'catch_share' in taken:
+        given['catch_share'] = (_CATCH if catch is None else catch) or None
     for option in ('rate_hz', 'duration_s', 'seed'):
         if (value := getattr(arguments, option)) is not None:
             # of several rates one is left
@@ -78,6 +82,8 @@ def add_protocol(subparsers: Any) -> None:
     add_option(parser, '--rate HZ', None, 'repetition rate instead', dest='rate_hz', type=float)
     add_option(parser, '--duration S', None, 'length instead', dest='duration_s', type=float)
     add_option(parser, '--seed', None, 'seed of what is random', type=int)
+    text = 'share of pulses of a slow schedule whose intensity is drawn from it; 0: none'
+    add_option(parser, '--catch SHARE', None, f'{text}; {_CATCH} if not given', type=float)
     parser.set_defaults(run=run_protocol)
 
 

@@ -45,7 +45,16 @@ def test_the_paper_is_not_deliverable(written, rpms, name):
 
 def test_protocols_are_those_of_the_paper(written):
     assert load_schedule(written('uniform_random')) == paper_random()
-    assert load_schedule(written('sinusoid')) == paper_sinusoid()
+    assert load_schedule(written('sinusoid', '--catch', '0')) == paper_sinusoid()
+
+
+def test_slow_protocols_have_catch_pulses(written, rpms, tmp_path):
+    for name in ('sinusoid', 'staircase'):
+        (segment,) = load_schedule(written(name)).segments
+        assert segment.catch_share == 0.1
+    out = str(tmp_path / 'constant.yaml')
+    code, _, err = rpms('protocol', 'constant', '--catch', '0.2', '--out', out)
+    assert (code, err) == (2, 'rpms: error: expected no --catch with constant, got 0.2\n')
 
 
 def test_json_is_one_object_with_its_keys(written, rpms):
@@ -67,8 +76,8 @@ def test_options_change_a_protocol_or_are_refused(written, rpms, tmp_path):
     changed = written('uniform_random', '--rate', '10', '--duration', '5', '--seed', '7')
     assert load_schedule(changed) == paper_random(duration_s=5.0, rate_hz=10.0, seed=7)
     assert load_schedule(written('recruitment', '--rate', '20')).plan.highest_rate_hz == 20.0
-    code, _, err = rpms('protocol', 'staircase', '--seed', 3, '--out', tmp_path / 'new.yaml')
-    assert (code, 'expected no --seed with staircase, got 3' in err) == (2, True)
+    code, _, err = rpms('protocol', 'constant', '--seed', 3, '--out', tmp_path / 'new.yaml')
+    assert (code, 'expected no --seed with constant, got 3' in err) == (2, True)
 
 
 def test_what_is_deliverable_says_so(tmp_path, rpms):

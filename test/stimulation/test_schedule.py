@@ -161,6 +161,20 @@ def test_the_paper_excitations():
     assert np.mean(sinusoid.plan.intensity**2) == pytest.approx(3 / 8, abs=1e-12)
 
 
+def test_catch_pulses_are_of_the_course_and_at_random_places():
+    course = paper_sinusoid().plan.intensity
+    mixed = paper_sinusoid(catch_share=0.1, seed=3)
+    assert schedule_from_text(schedule_to_text(mixed)) == mixed
+    caught = mixed.plan.intensity != course
+    # 1800 draws with probability 0.1, four standard deviations
+    assert caught.mean() == pytest.approx(0.1, abs=0.03)
+    assert np.isin(mixed.plan.intensity, course).all()
+    assert (mixed.plan.onset_ns == paper_sinusoid().plan.onset_ns).all()
+    assert abs(np.corrcoef(mixed.plan.intensity[caught], course[caught])[0, 1]) < 0.3
+    with pytest.raises(StimulationError, match=r'expected a number in \(0, 1\], got 1\.5'):
+        paper_sinusoid(catch_share=1.5)
+
+
 @pytest.mark.parametrize(
     ('text', 'fault'),
     [

@@ -40,22 +40,32 @@ def paper_sinusoid(
     duration_s: float = PAPER_DURATION_S,
     rate_hz: float = PAPER_RATE_HZ,
     period_s: float = PAPER_PERIOD_S,
+    catch_share: float | None = None,
+    seed: int = 0,
 ) -> Schedule:
-    """Return a sinusoidal change of intensity from 0 to 100 %, period 9 s (Sec. 3.3.1)."""
-    segment = Sinusoid(rate_hz=rate_hz, duration_s=duration_s, period_s=period_s)
-    return Schedule((segment,), name=Sinusoid.kind)
+    """Return a sinusoidal change of intensity from 0 to 100 %, period 9 s (Sec. 3.3.1).
+
+    The paper has no catch pulses among it; see `Gradual`.
+    """
+    segment = Sinusoid(
+        rate_hz=rate_hz, duration_s=duration_s, period_s=period_s, catch_share=catch_share
+    )
+    return Schedule((segment,), name=Sinusoid.kind, seed=seed)
 
 
 def staircase(
     levels: Sequence[float] = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0),
     step_s: float = 3.0,
     rate_hz: float = PAPER_RATE_HZ,
+    catch_share: float | None = None,
+    seed: int = 0,
 ) -> Schedule:
     """Return levels of ``step_s`` seconds each, one after another."""
+    length = step_s * max(1, len(levels))
     segment = Staircase(
-        rate_hz=rate_hz, duration_s=step_s * max(1, len(levels)), levels=tuple(levels)
+        rate_hz=rate_hz, duration_s=length, levels=tuple(levels), catch_share=catch_share
     )
-    return Schedule((segment,), name=Staircase.kind)
+    return Schedule((segment,), name=Staircase.kind, seed=seed)
 
 
 def constant(

@@ -12,6 +12,7 @@ as often as the others (zero once less) and the sequence is uncorrelated with it
 """
 
 import math
+from abc import abstractmethod
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import ClassVar
@@ -95,20 +96,48 @@ class Constant(Repetitive):
 
 
 @dataclass(frozen=True)
-class Ramp(Repetitive):
+class Gradual(Repetitive):
+    """Intensity that follows a course, with catch pulses among it.
+
+    An effort of the patient that follows what is felt cannot be told from recruitment while the
+    intensity changes slowly; a catch pulse has an intensity of the course, but not of its place.
+
+    Attributes
+    ----------
+    catch_share : float, optional
+        Share of the pulses, drawn at random, that are catch pulses; none if it is missing.
+    """
+
+    catch_share: float | None = bounded(Bound(0.0, 1.0, above=True, optional=True), None)
+
+    @abstractmethod
+    def course(self, onset_s: FloatArray) -> FloatArray:
+        """Return the intensity at the onsets (pulses,) [s] without catch pulses."""
+
+    def intensities(self, onset_s: FloatArray, random: np.random.Generator, /) -> FloatArray:
+        """Return the course, in which catch pulses are drawn from ``random``."""
+        course = self.course(onset_s)
+        if self.catch_share is None:
+            return course
+        caught = random.random(len(course)) < self.catch_share
+        return np.where(caught, random.permutation(course), course)
+
+
+@dataclass(frozen=True)
+class Ramp(Gradual):
     """Intensity that changes linearly from ``start`` to ``end``."""
 
     kind: ClassVar[str] = 'ramp'
     start: float = share(0.0)
     end: float = share(1.0)
 
-    def intensities(self, onset_s: FloatArray, _: np.random.Generator, /) -> FloatArray:
+    def course(self, onset_s: FloatArray) -> FloatArray:
         """Return the straight line through (0, start) and (duration, end)."""
         return self.start + (self.end - self.start) * (onset_s / self.duration_s)
 
 
 @dataclass(frozen=True)
-class Staircase(Repetitive):
+class Staircase(Gradual):
     """Levels of equal length, one after another."""
 
     kind: ClassVar[str] = 'staircase'
@@ -116,7 +145,7 @@ class Staircase(Repetitive):
         Bound(0.0, 1.0, several=True), (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
     )
 
-    def intensities(self, onset_s: FloatArray, _: np.random.Generator, /) -> FloatArray:
+    def course(self, onset_s: FloatArray) -> FloatArray:
         """Return the level of the step that each onset falls into."""
         # a pulse due exactly at an edge belongs to the step that begins there, rounding or not
         step = np.floor(onset_s / self.duration_s * len(self.levels) + _PERIOD_SLACK)
@@ -125,7 +154,7 @@ class Staircase(Repetitive):
 
 
 @dataclass(frozen=True)
-class Sinusoid(Repetitive):
+class Sinusoid(Gradual):
     """Intensity between ``low`` and ``high``, starting at ``low`` (Sec. 3.3.1: period 9 s)."""
 
     kind: ClassVar[str] = 'sinusoid'
@@ -137,7 +166,7 @@ class Sinusoid(Repetitive):
         super().__post_init__()
         refuse_swapped(self.low, self.high)
 
-    def intensities(self, onset_s: FloatArray, _: np.random.Generator, /) -> FloatArray:
+    def course(self, onset_s: FloatArray) -> FloatArray:
         """Return low + (high - low) (1 - cos(2 pi t / period)) / 2."""
         rise = 0.5 - 0.5 * np.cos(2.0 * math.pi / self.period_s * onset_s)
         return self.low + (self.high - self.low) * np.clip(rise, 0.0, 1.0)
