@@ -32,6 +32,7 @@ from rpms_ros.identification.analysis.dynamics import (
 )
 from rpms_ros.identification.catalogue import estimator_by_name
 from rpms_ros.identification.estimation.prior import warm_start
+from rpms_ros.identification.model.estimate import FittedMuscle
 from rpms_ros.identification.model.settings import PEOPLE_PRESET
 from rpms_ros.identification.model.summation import TemporalSummation
 from rpms_ros.identification.quality.doubts import NO_CONSTANT_MUSCLE
@@ -292,6 +293,7 @@ class IdentificationResult:
         'thresholds as shares of the maximum',
         default=None,
     )
+    muscle: FittedMuscle | None = documented('for a warm start', default=None)
     output_error_n: float = documented(
         'root mean square of measured minus predicted force, after settling [N]'
     )
@@ -388,6 +390,7 @@ def result_of(
         steadiness=steadiness(course) if course.follows else None,
         changes=course.changes or None,
         rates=_stated(last.rate_names, last.rate, last.rate_lower, last.rate_upper) or None,
+        muscle=last.muscle,
         output_error_n=session.output_error.newton,
         output_error_of_range=session.output_error.of_range,
         faults={**recording.facts.faults, **last.faults},

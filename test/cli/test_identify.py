@@ -26,8 +26,8 @@ PAPER = ('--estimator', 'recursive', '--preset', 'paper_table_4')
 KEYS = [
     *('session_hash', 'schedules', 'estimator', 'unit', 'samples', 'pulses', 'duration_s'),
     *('rate_hz', 'recruitment', 'curve', 'impulse_response', 'confidence', 'identifiability'),
-    *('deviation', 'physiology', 'output_error_n', 'output_error_of_range', 'faults', 'notes'),
-    'verdict',
+    *('deviation', 'physiology', 'muscle', 'output_error_n', 'output_error_of_range', 'faults'),
+    *('notes', 'verdict'),
 ]
 
 

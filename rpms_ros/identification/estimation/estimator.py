@@ -43,6 +43,7 @@ from rpms_ros.identification.model.estimate import (
     DEFAULT_RATE,
     SMALLEST_INTENSITY_SPAN,
     Estimate,
+    FittedMuscle,
     recruiting_range,
 )
 from rpms_ros.identification.model.recruitment import NONLINEAR, PARAMETERS, nearest_arctangents
@@ -175,7 +176,18 @@ class ProjectionEstimator:
         for name, count in (*faults.items(), *self._faults.counts().items()):
             counted.add(name, count)
         counted.add(FACTORISATION_FAILED, fit.failures)
-        return self._builder.make(stamp_ns, found, sure, deviation, counters, counted.counts())
+        made = self._builder.make(stamp_ns, found, sure, deviation, counters, counted.counts())
+        if sure is None or not made.curve_known:
+            return made
+        muscle = FittedMuscle(
+            time_constant_s=self._basis.time_constant,
+            latency_s=self._basis.latency,
+            theta=fit.point.theta,
+            linear=fit.point.linear,
+            covariance=sure.covariance,
+            variance=fit.variance,
+        )
+        return replace(made, muscle=muscle)
 
     def _use(self, basis: LaguerreBasis) -> None:
         """Use a basis from now on."""

@@ -36,12 +36,8 @@ from rpms_ros.identification.model.recruitment import (
     DEVIATION,
     NONLINEAR,
     PARAMETERS,
-    SUMMATION,
     coordinates,
-    deviation_variance,
-    recruitment_curve,
 )
-from rpms_ros.muscle.recruitment import PARAMETER_NAMES
 from rpms_ros.pulses import FloatArray
 
 if TYPE_CHECKING:
@@ -336,17 +332,6 @@ def scaled_inverse(matrix: FloatArray) -> FloatArray:
 # Grid on which a response is converted to another basis [s].
 _LAG: FloatArray = np.arange(0.0, 0.6, 1e-3)
 _LARGEST_RESULT = 64_000_000
-# Functions on which the response of a result may have been found: 7 to 105 ms, 0 to 35 ms.
-_BASES = tuple(
-    LaguerreBasis(7, 38e-3 * 1.5 ** (0.25 * constant), 1e-3 * latency)
-    for constant in range(-16, 11)
-    for latency in range(36)
-)
-# Standard deviations that the JSON of a result lacks: response, as a share of it, and parameters.
-_RESULT_SHARE = 0.02
-_RESULT_DEVIATION = (0.02, 0.02, 0.3, 0.2)
-# Size and length of what the curve may deviate besides.
-_RESULT_SHAPE = (0.01, 0.16)
 
 
 @dataclass(frozen=True)
@@ -399,6 +384,12 @@ class KnownMuscle:
     basis: LaguerreBasis
 
     def __post_init__(self) -> None:
+        joint = NONLINEAR + len(self.linear)
+        if self.theta.shape != (NONLINEAR,) or self.covariance.shape != (joint, joint):
+            raise IdentificationError(
+                f'expected {NONLINEAR} parameters and a covariance of {joint}, got '
+                f'{self.theta.shape} and {self.covariance.shape}'
+            )
         values = np.concatenate((self.theta, self.linear, self.covariance.ravel()))
         if not (np.isfinite(values).all() and 0.0 < self.variance < math.inf):
             raise IdentificationError('expected finite parameters of a muscle, got others')
@@ -472,69 +463,21 @@ def known_from(path: Path | str) -> KnownMuscle:
     Raises
     ------
     IdentificationError
-        If it holds no recruitment curve.
+        If it holds no recruitment curve, or not all that `batch` and `tracking` know of one.
     """
     try:
-        return _of_result(_read_result(Path(path)))
-    except (KeyError, TypeError, ValueError, AttributeError, np.linalg.LinAlgError) as error:
+        muscle = _read_result(Path(path))['muscle']
+        theta, linear, covariance = (
+            np.array(muscle[name], dtype=np.float64) for name in ('theta', 'linear', 'covariance')
+        )
+        basis = LaguerreBasis(len(linear), muscle['time_constant_s'], muscle['latency_s'])
+        known = KnownMuscle(theta, linear, covariance, float(muscle['variance']), basis)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise IdentificationError(
-            f'expected a session with a recruitment curve in {path}, got {error!r}'
+            f'expected a session with a recruitment curve, identified by batch or tracking, in '
+            f'{path}, got {error!r}'
         ) from error
-
-
-def _of_result(document: Mapping[str, Any]) -> KnownMuscle:
-    """Return the knowledge in the JSON of ``rpms identify``, with assumed covariance."""
-    recruitment = document['recruitment']
-    if unknown := [name for name in PARAMETER_NAMES if recruitment[name] is None]:
-        raise IdentificationError(
-            f'expected a result that knows {", ".join(PARAMETER_NAMES)}, got none of '
-            f'{", ".join(unknown)}'
-        )
-    theta = np.array([float(recruitment[name]) for name in PARAMETER_NAMES])
-    curve = document['curve']
-    theta = _with_deviation(theta, *(np.array(curve[name]) for name in ('intensity', 'force')))
-    response = document['impulse_response']
-    time = np.array(response['time_s'], dtype=np.float64)
-    force = np.array(response['force'], dtype=np.float64)
-    # the coefficients are those of recruitment 1, the response is that at full intensity
-    force /= float(recruitment_curve(np.ones(1), theta)[0][0])
-    basis, linear = _fitted_basis(time, force)
-    share = _RESULT_SHARE**2 * float(linear @ linear) / len(linear)
-    spread = np.concatenate(
-        (
-            np.square(_RESULT_DEVIATION),
-            deviation_variance(*_RESULT_SHAPE),
-            np.full(2, ProjectionSettings().summation[1] ** 2),
-        )
-    )
-    covariance = np.diag(np.concatenate((spread, np.full(len(linear), share))))
-    return KnownMuscle(theta, linear, covariance, float(document['output_error_n']) ** 2, basis)
-
-
-def _with_deviation(theta: FloatArray, intensity: FloatArray, force: FloatArray) -> FloatArray:
-    """Return theta (26,) of a curve (n,) whose nearest arctangents have the parameters (4,)."""
-    theta = np.pad(theta, (0, NONLINEAR - len(theta)))
-    theta[SUMMATION] = ProjectionSettings().summation[0]
-    rho, slopes = recruitment_curve(intensity, theta)
-    gain = float(force @ rho) / float(rho @ rho)
-    sines = slopes[:, DEVIATION]
-    known = sines.T @ sines + np.diag(1e-6 / deviation_variance(1.0, _RESULT_SHAPE[1]))
-    theta[DEVIATION] = np.linalg.solve(known, sines.T @ (force / gain - rho))
-    return theta
-
-
-def _fitted_basis(time: FloatArray, force: FloatArray) -> tuple[LaguerreBasis, FloatArray]:
-    """Return the basis that represents a response (times,) best, and its coefficients.
-
-    A result does not say on which functions its response was found.
-    """
-    found = {}
-    for basis in _BASES:
-        functions = basis.evaluate(time)
-        linear = np.linalg.lstsq(functions, force, rcond=None)[0]
-        found[basis] = float(np.sum((force - functions @ linear) ** 2)), linear
-    best = min(found, key=lambda basis: found[basis][0])
-    return best, np.array(found[best][1], dtype=np.float64)
+    return known
 
 
 def _read_result(path: Path) -> Mapping[str, Any]:
