@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """One session: pulses, force, and what can be asked of them."""
 
+import html
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from numbers import Real
 from pathlib import Path
@@ -142,6 +143,12 @@ class Session:
         figure.suptitle(self.name)
         return figure
 
+    def _repr_html_(self) -> str:
+        facts = self.info().items()
+        return as_html(
+            '', ((name, str(fact)) for name, fact in facts if fact not in (None, [], {}))
+        )
+
     def verify(self) -> list[Finding]:
         """Return what every check of the recording found: ``check``, ``state`` and ``text`` each.
 
@@ -272,6 +279,12 @@ class Session:
         options = IdentificationOptions(estimator, chosen, rate_hz, seed)
         estimates = identified(self.recording, options, progress, most_estimates)
         return Identification(self, estimates, result_of(self.recording, estimates))
+
+
+def as_html(above: str, rows: Iterable[tuple[str, str]]) -> str:
+    """Return a line and a table of names and texts, as a notebook shows them."""
+    cells = (f'<tr><th>{html.escape(name)}</th><td>{html.escape(text)}' for name, text in rows)
+    return f'<p>{html.escape(above)}</p>' * bool(above) + f'<table>{"".join(cells)}</table>'
 
 
 def _moment(first_ns: int, at: float) -> int:

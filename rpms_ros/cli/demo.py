@@ -3,6 +3,7 @@
 """``rpms demo``: all nodes on this machine, with a simulated muscle whose parameters are known."""
 
 import argparse
+import socket
 import time
 from dataclasses import replace
 from datetime import datetime
@@ -107,6 +108,7 @@ def run(arguments: argparse.Namespace) -> int:
     print(f'three nodes, one recording, in {folder}', flush=True)
     with SimulationLauncher(folder, settings) as launcher:
         if arguments.live is not None:
+            _await_page(launcher, arguments.live)
             print(f'in the browser: http://127.0.0.1:{arguments.live}/', flush=True)
         _watch(launcher, subject, arguments.duration, arguments.quiet)
         launcher.stop()
@@ -143,6 +145,21 @@ def simulation_settings(arguments: argparse.Namespace) -> 'SimulationSettings':
         live_page=None if arguments.live is None else {'port': arguments.live},
         schedule=named_schedule(arguments.schedule, arguments.duration, RATE, arguments.seed),
     )
+
+
+def _await_page(launcher: 'SimulationLauncher', port: int) -> None:
+    """Return when the live page answers: whoever opens it before sees an error of the browser."""
+    from rpms_ros.nodes.simulation_launcher import STARTUP_LIMIT
+
+    end = time.monotonic() + STARTUP_LIMIT
+    while time.monotonic() < end:
+        try:
+            socket.create_connection(('127.0.0.1', port), timeout=1.0).close()
+        except OSError:
+            launcher.step(0.1)
+        else:
+            return
+    raise NodeError(f'expected the live page to answer within {STARTUP_LIMIT:.0f} s')
 
 
 def _watch(

@@ -23,6 +23,7 @@ def table(path, name='trial.csv'):
 
 def test_info_says_what_the_session_holds():
     session = rpms_ros.load(str(SAMPLE))
+    assert '<tr><th>samples</th><td>30000' in session._repr_html_()
     info = session.info()
     assert info['path'] == str(SAMPLE)
     numbers = ('samples', 'pulses', 'force_rate_hz', 'pulse_rate_hz')

@@ -24,7 +24,6 @@ from rpms_ros.nodes.identifier import (
     Identifier,
     IdentifierParameters,
     build_estimator,
-    build_stream,
     stream_settings,
 )
 from rpms_ros.pulses import ForceTrace, PulseTrain
@@ -209,7 +208,7 @@ def test_the_log_says_when_the_estimate_is_not_to_be_trusted(
     assert 'curve_negative' in bench.wait_until(START_NS + 3_699 * MILLISECOND).doubts
     graph.wait_for(lambda: heard('curve_negative: the curve is negative: a muscle does not push'))
     assert 'the estimate is not to be trusted: ' in ''.join(said)
-    bench.identifier._begin(build_stream(bench.identifier.settings))
+    bench.identifier._reset()
     graph.wait_for(lambda: heard('nothing speaks against the estimate any more'))
 
 
