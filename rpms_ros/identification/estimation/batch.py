@@ -103,6 +103,7 @@ class BatchEstimator(ProjectionEstimator):
         self._origin_ns: int | None = None
         self._last_ns = 0
         self._due_ns = 0
+        self._interval_ns = _FIRST_FIT_NS
         self._fitted_samples = 0
         self._searches = 0
         self._compared_ns = 0
@@ -137,7 +138,8 @@ class BatchEstimator(ProjectionEstimator):
                 early = self._last_ns - self._origin_ns < _LAST_SCOUTING_NS
                 self._fit_all(scouting=early, final=False)
                 while stamp_ns[first] >= self._due_ns:
-                    self._due_ns += (_GROWTH - 1) * (self._due_ns - self._origin_ns)
+                    self._interval_ns *= _GROWTH
+                    self._due_ns += self._interval_ns
             last = int(np.searchsorted(stamp_ns, self._due_ns))
             part = slice(first, last)
             self._make_room(int(stamp_ns[last - 1] - stamp_ns[first]))
