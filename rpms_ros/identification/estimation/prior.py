@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 r"""Prior of a window: physiology, bounds, and the result of earlier samples or sessions.
 
-For a returning patient the covariance P of parameters and response, as it is assumed of a result,
-is increased by the changes from one day to the next, most of all by the new position of the coil,
+For a returning patient the covariance P of parameters and response in the result of the last
+session is increased by the changes from one day to the next, most of all by the new position of
+the coil,
 
 .. math:: P' = P + Q_\theta + g^2 w w^T + t^2 (D w) (D w)^T + h^2 \|w\|^2 I / n ,
 
@@ -366,7 +367,7 @@ class KnownMuscle:
     Attributes
     ----------
     theta : ndarray (26,)
-        u_thr, u_sat, alpha_sat, alpha_thr and the deviation.
+        u_thr, u_sat, alpha_sat, alpha_thr, deviation and exponents of r.
     linear : ndarray (functions,)
         Coefficients of the response.
     covariance : ndarray (26 + functions, 26 + functions)
@@ -471,13 +472,12 @@ def known_from(path: Path | str) -> KnownMuscle:
             np.array(muscle[name], dtype=np.float64) for name in ('theta', 'linear', 'covariance')
         )
         basis = LaguerreBasis(len(linear), muscle['time_constant_s'], muscle['latency_s'])
-        known = KnownMuscle(theta, linear, covariance, float(muscle['variance']), basis)
+        return KnownMuscle(theta, linear, covariance, float(muscle['variance']), basis)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise IdentificationError(
             f'expected a session with a recruitment curve, identified by batch or tracking, in '
             f'{path}, got {error!r}'
         ) from error
-    return known
 
 
 def _read_result(path: Path) -> Mapping[str, Any]:
