@@ -16,6 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rpms_ros.errors import IdentificationError
+from rpms_ros.identification.estimation.estimator import ProjectionEstimator
+from rpms_ros.identification.estimation.prior import FittedMuscle
 from rpms_ros.identification.model.estimate import Estimate, Estimator
 from rpms_ros.identification.stream.monitors import Monitor, ProcessedSamples
 from rpms_ros.identification.stream.stream import IdentificationStream, StreamSettings
@@ -106,6 +108,8 @@ class IdentifiedSession:
         Processed samples and their a-priori prediction [ns], [N], [N].
     usable : ndarray of bool (samples,)
         Whether the sample was learnt from.
+    muscle : FittedMuscle or None
+        What a warm start needs, of an estimator that offers it and knows a curve.
     """
 
     estimates: list[Estimate]
@@ -113,6 +117,7 @@ class IdentifiedSession:
     force: FloatArray
     prediction: FloatArray
     usable: BoolArray
+    muscle: FittedMuscle | None = None
 
     @property
     def last(self) -> Estimate:
@@ -207,12 +212,14 @@ def identify(
     estimates += stream.finish()
     if not trace.cells:
         raise IdentificationError(_why_nothing(forces.force, settings.largest_force))
+    muscle = estimator.fitted() if isinstance(estimator, ProjectionEstimator) else None
     return IdentifiedSession(
         estimates,
         trace.column('stamp_ns'),
         trace.column('force'),
         trace.column('prediction'),
         trace.column('usable'),
+        muscle if estimates[-1].curve_known else None,
     )
 
 

@@ -31,8 +31,7 @@ from rpms_ros.identification.analysis.dynamics import (
     train_dynamics,
 )
 from rpms_ros.identification.catalogue import estimator_by_name
-from rpms_ros.identification.estimation.prior import warm_start
-from rpms_ros.identification.model.estimate import FittedMuscle
+from rpms_ros.identification.estimation.prior import FittedMuscle, warm_start
 from rpms_ros.identification.model.settings import PEOPLE_PRESET
 from rpms_ros.identification.model.summation import TemporalSummation
 from rpms_ros.identification.quality.doubts import NO_CONSTANT_MUSCLE
@@ -390,7 +389,7 @@ def result_of(
         steadiness=steadiness(course) if course.follows else None,
         changes=course.changes or None,
         rates=_stated(last.rate_names, last.rate, last.rate_lower, last.rate_upper) or None,
-        muscle=last.muscle,
+        muscle=session.muscle,
         output_error_n=session.output_error.newton,
         output_error_of_range=session.output_error.of_range,
         faults={**recording.facts.faults, **last.faults},

@@ -241,7 +241,7 @@ def test_a_history_law_and_an_earlier_session_are_parameters(tmp_path) -> None:
     assert warm._window.point.linear.any()
     for wrong, message in (
         ({'temporal_summation': str(tmp_path)}, 'expected a JSON file with a history law'),
-        ({'start_from': str(law)}, 'expected a session with a recruitment curve'),
+        ({'start_from': str(law)}, 'of a session with a recruitment curve'),
         (
             {'estimator': 'recursive', 'start_from': str(earlier)},
             'such as tracking, got recursive',

@@ -29,7 +29,7 @@ from rpms_ros.identification.estimation.window_fit import (
     fresh_fit,
     gauss_newton_steps,
 )
-from rpms_ros.identification.model.basis import LaguerreBasis
+from rpms_ros.identification.model.basis import LaguerreBasis, conversion
 from rpms_ros.identification.model.recruitment import recruitment
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray
 
@@ -83,18 +83,6 @@ def neighbours(basis: LaguerreBasis) -> list[LaguerreBasis]:
         for one, two in pairs
     ]
     return [one for one in found if one != basis]
-
-
-def conversion(old: LaguerreBasis, new: LaguerreBasis) -> FloatArray:
-    """Return the matrix (functions, functions) that takes coefficients from one basis to another.
-
-    The response of the new coefficients is the projection of the old one.
-    """
-    step = min(old.time_constant, new.time_constant) / 60.0
-    longest = max(old.duration, new.duration)
-    lag = np.arange(0.5 * step, longest, step)
-    result: FloatArray = step * (new.evaluate(lag).T @ old.evaluate(lag))
-    return result
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from rpms_ros.identification.estimation.intake import (
     recompute_state,
     squared_recruitment,
 )
-from rpms_ros.identification.estimation.prior import Knowledge, knowledge_of
+from rpms_ros.identification.estimation.prior import FittedMuscle, Knowledge, knowledge_of
 from rpms_ros.identification.estimation.settings import (
     Baseline,
     Problem,
@@ -43,7 +43,6 @@ from rpms_ros.identification.model.estimate import (
     DEFAULT_RATE,
     SMALLEST_INTENSITY_SPAN,
     Estimate,
-    FittedMuscle,
     recruiting_range,
 )
 from rpms_ros.identification.model.recruitment import NONLINEAR, PARAMETERS, nearest_arctangents
@@ -176,10 +175,15 @@ class ProjectionEstimator:
         for name, count in (*faults.items(), *self._faults.counts().items()):
             counted.add(name, count)
         counted.add(FACTORISATION_FAILED, fit.failures)
-        made = self._builder.make(stamp_ns, found, sure, deviation, counters, counted.counts())
-        if sure is None or not made.curve_known:
-            return made
-        muscle = FittedMuscle(
+        return self._builder.make(stamp_ns, found, sure, deviation, counters, counted.counts())
+
+    def fitted(self) -> FittedMuscle | None:
+        """Return the muscle for a warm start, None where no recruitment is known."""
+        fit = self._window
+        sure = fit.uncertainty(self.settings.confidence, self._basis_spread)
+        if sure is None:
+            return None
+        return FittedMuscle(
             time_constant_s=self._basis.time_constant,
             latency_s=self._basis.latency,
             theta=fit.point.theta,
@@ -187,7 +191,6 @@ class ProjectionEstimator:
             covariance=sure.covariance,
             variance=fit.variance,
         )
-        return replace(made, muscle=muscle)
 
     def _use(self, basis: LaguerreBasis) -> None:
         """Use a basis from now on."""

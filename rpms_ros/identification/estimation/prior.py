@@ -14,8 +14,7 @@ and becomes the prior of `tracking`, which is dropped where a fit without it con
 
 import json
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
@@ -31,7 +30,7 @@ from rpms_ros.identification.estimation.window_equations import (
     Point,
     time_scale_derivative,
 )
-from rpms_ros.identification.model.basis import LaguerreBasis
+from rpms_ros.identification.model.basis import LaguerreBasis, conversion
 from rpms_ros.identification.model.estimate import Estimator
 from rpms_ros.identification.model.recruitment import (
     DEVIATION,
@@ -40,6 +39,7 @@ from rpms_ros.identification.model.recruitment import (
     coordinates,
 )
 from rpms_ros.pulses import FloatArray
+from rpms_ros.schema import documented
 
 if TYPE_CHECKING:
     from rpms_ros.identification.estimation.window_fit import WindowFit
@@ -330,8 +330,6 @@ def scaled_inverse(matrix: FloatArray) -> FloatArray:
     return 0.5 * (inverse + inverse.T)
 
 
-# Grid on which a response is converted to another basis [s].
-_LAG: FloatArray = np.arange(0.0, 0.6, 1e-3)
 _LARGEST_RESULT = 64_000_000
 
 
@@ -360,29 +358,24 @@ class DayToDay:
     shape: float = 0.005
 
 
-@dataclass(frozen=True)
-class KnownMuscle:
-    """Result of a session for a warm start.
+@dataclass(frozen=True, kw_only=True)
+class FittedMuscle:
+    """Muscle of a fit with its covariance, for the next session of a patient.
 
-    Attributes
-    ----------
-    theta : ndarray (26,)
-        u_thr, u_sat, alpha_sat, alpha_thr, deviation and exponents of r.
-    linear : ndarray (functions,)
-        Coefficients of the response.
-    covariance : ndarray (26 + functions, 26 + functions)
-        Of both, alpha as logarithms.
-    variance : float
-        Of the residuals [N^2].
-    basis : LaguerreBasis
-        Functions of the response.
+    Raises
+    ------
+    IdentificationError
+        If shapes differ, or a value is none that a muscle has.
     """
 
-    theta: FloatArray
-    linear: FloatArray
-    covariance: FloatArray
-    variance: float
-    basis: LaguerreBasis
+    time_constant_s: float = documented('of the Laguerre functions [s]')
+    latency_s: float = documented('from a pulse to the beginning of the functions [s]')
+    theta: FloatArray = documented(
+        'u_thr, u_sat, alpha_sat, alpha_thr, deviation of the recruitment (20), exponents of r (2)'
+    )
+    linear: FloatArray = documented('coefficients of the functions [N s^(1/2)]')
+    covariance: FloatArray = documented('of theta and linear, alpha as logarithms')
+    variance: float = documented('of the residuals [N^2]')
 
     def __post_init__(self) -> None:
         joint = NONLINEAR + len(self.linear)
@@ -398,16 +391,24 @@ class KnownMuscle:
             alpha = self.theta[2:PARAMETERS].tolist()
             raise IdentificationError(f'expected alpha above 0, got {alpha}')
 
-    def on(self, basis: LaguerreBasis) -> 'KnownMuscle':
-        """Return the same on another basis, by least squares."""
+    @property
+    def basis(self) -> LaguerreBasis:
+        """Functions of the response."""
+        return LaguerreBasis(len(self.linear), self.time_constant_s, self.latency_s)
+
+    def on(self, basis: LaguerreBasis) -> 'FittedMuscle':
+        """Return the same on another basis."""
         if basis == self.basis:
             return self
-        change = np.linalg.lstsq(basis.evaluate(_LAG), self.basis.evaluate(_LAG), rcond=None)[0]
-        joint = np.zeros((NONLINEAR + basis.functions, len(self.covariance)))
-        joint[:NONLINEAR, :NONLINEAR] = np.eye(NONLINEAR)
-        joint[NONLINEAR:, NONLINEAR:] = change
-        covariance = joint @ self.covariance @ joint.T
-        return KnownMuscle(self.theta, change @ self.linear, covariance, self.variance, basis)
+        joint = np.eye(NONLINEAR + basis.functions, len(self.covariance))
+        joint[NONLINEAR:, NONLINEAR:] = conversion(self.basis, basis)
+        return replace(
+            self,
+            time_constant_s=basis.time_constant,
+            latency_s=basis.latency,
+            linear=joint[NONLINEAR:, NONLINEAR:] @ self.linear,
+            covariance=joint @ self.covariance @ joint.T,
+        )
 
     def widened(self, change: DayToDay) -> FloatArray:
         """Return the covariance, of the same shape, after a change from day to day."""
@@ -432,7 +433,7 @@ class KnownMuscle:
 class WarmStarting(Estimator, Protocol):
     """An estimator that can start from an earlier session."""
 
-    def start_from(self, known: KnownMuscle) -> None:
+    def start_from(self, known: FittedMuscle) -> None:
         """Use the result of an earlier session as prior.
 
         Raises
@@ -458,7 +459,7 @@ def warm_start(estimator: Estimator, path: Path | str) -> None:
     estimator.start_from(known_from(path))
 
 
-def known_from(path: Path | str) -> KnownMuscle:
+def known_from(path: Path | str) -> FittedMuscle:
     """Return the knowledge in the JSON of ``rpms identify``.
 
     Raises
@@ -467,24 +468,17 @@ def known_from(path: Path | str) -> KnownMuscle:
         If it holds no recruitment curve, or not all that `batch` and `tracking` know of one.
     """
     try:
-        muscle = _read_result(Path(path))['muscle']
-        theta, linear, covariance = (
-            np.array(muscle[name], dtype=np.float64) for name in ('theta', 'linear', 'covariance')
-        )
-        basis = LaguerreBasis(len(linear), muscle['time_constant_s'], muscle['latency_s'])
-        return KnownMuscle(theta, linear, covariance, float(muscle['variance']), basis)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        path = Path(path)
+        if path.stat().st_size > _LARGEST_RESULT:
+            raise ValueError(f'{path.stat().st_size} bytes')
+        muscle = json.loads(path.read_text())['muscle']
+        values: dict[str, Any] = {
+            field.name: np.array(muscle[field.name], dtype=np.float64)[()]
+            for field in fields(FittedMuscle)
+        }
+        return FittedMuscle(**values)
+    except (LookupError, TypeError, ValueError, OSError, RecursionError) as error:
         raise IdentificationError(
-            f'expected a session with a recruitment curve, identified by batch or tracking, in '
-            f'{path}, got {error!r}'
+            f'expected the JSON of rpms identify, of a session with a recruitment curve '
+            f'identified by batch or tracking, in {path}, got {error!r}'
         ) from error
-
-
-def _read_result(path: Path) -> Mapping[str, Any]:
-    try:
-        if not path.is_file() or path.stat().st_size > _LARGEST_RESULT:
-            raise IdentificationError(f'expected the JSON of rpms identify, got {path}')
-        document: Mapping[str, Any] = json.loads(path.read_text())
-    except (OSError, RecursionError) as error:
-        raise IdentificationError(f'expected to read {path}, got {error}') from error
-    return document

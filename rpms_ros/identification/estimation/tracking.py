@@ -25,7 +25,6 @@ from rpms_ros.identification.estimation.basis_choice import (
     BasisFit,
     BasisSchedule,
     Search,
-    conversion,
 )
 from rpms_ros.identification.estimation.blocks import ring_order
 from rpms_ros.identification.estimation.change_detection import (
@@ -41,8 +40,8 @@ from rpms_ros.identification.estimation.estimator import ProjectionEstimator
 from rpms_ros.identification.estimation.normal_equations import near_knots
 from rpms_ros.identification.estimation.prior import (
     DayToDay,
+    FittedMuscle,
     Knowledge,
-    KnownMuscle,
     posterior_as_prior,
     scaled_inverse,
 )
@@ -62,7 +61,7 @@ from rpms_ros.identification.estimation.window_fit import (
     gauss_newton_steps,
     steps_at_fixed_scales,
 )
-from rpms_ros.identification.model.basis import LaguerreBasis
+from rpms_ros.identification.model.basis import LaguerreBasis, conversion
 from rpms_ros.identification.model.estimate import DEFAULT_RATE, Estimate
 from rpms_ros.identification.model.recruitment import (
     NONLINEAR,
@@ -422,7 +421,7 @@ class TrackingEstimator(ProjectionEstimator):
         self._tremor.forget()
         self._last_ns = None
 
-    def start_from(self, known: KnownMuscle) -> None:
+    def start_from(self, known: FittedMuscle) -> None:
         """Use the result of an earlier session, and its basis, as prior.
 
         Raises

@@ -255,3 +255,15 @@ class DistortedSineBasis:
         raw = np.zeros((len(taps), self.functions))
         _evaluate_all(taps, float(self.memory_taps), self.form_factor, raw)
         return raw
+
+
+def conversion(old: LaguerreBasis, new: LaguerreBasis) -> FloatArray:
+    """Return the matrix (functions, functions) that takes coefficients from one basis to another.
+
+    The response of the new coefficients is the projection of the old one.
+    """
+    step = min(old.time_constant, new.time_constant) / 60.0
+    longest = max(old.duration, new.duration)
+    lag = np.arange(0.5 * step, longest, step)
+    result: FloatArray = step * (new.evaluate(lag).T @ old.evaluate(lag))
+    return result

@@ -15,7 +15,6 @@ from rpms_ros.muscle.recruitment import (
     identified_recruitment,
 )
 from rpms_ros.pulses import BoolArray, FloatArray, IntArray
-from rpms_ros.schema import documented
 
 NOT_INFORMED = 0
 INFORMED = 1
@@ -36,20 +35,6 @@ def _empty() -> FloatArray:
 
 def _no_flags() -> IntArray:
     return np.empty(0, dtype=np.int64)
-
-
-@dataclass(frozen=True, kw_only=True)
-class FittedMuscle:
-    """Muscle of a fit with its covariance, for the next session of a patient."""
-
-    time_constant_s: float = documented('of the Laguerre functions [s]')
-    latency_s: float = documented('from a pulse to the beginning of the functions [s]')
-    theta: FloatArray = documented(
-        'u_thr, u_sat, alpha_sat, alpha_thr, deviation of the recruitment (20), exponents of r (2)'
-    )
-    linear: FloatArray = documented('coefficients of the functions [N s^(1/2)]')
-    covariance: FloatArray = documented('of theta and linear, alpha as logarithms')
-    variance: float = documented('of the residuals [N^2]')
 
 
 @dataclass(frozen=True)
@@ -106,8 +91,6 @@ class Estimate:
         Why intervals are wide or a parameter is not informed, as sentences.
     unit : str
         Of every force above: ``N``, or ``N m`` where the sensor measures a torque.
-    muscle : FittedMuscle or None
-        What a warm start needs; estimates are equal without it, for no message carries it.
     """
 
     stamp_ns: int
@@ -150,7 +133,6 @@ class Estimate:
     disturbance_deviation: float = 0.0
     reasons: tuple[str, ...] = ()
     unit: str = 'N'
-    muscle: FittedMuscle | None = field(default=None, compare=False)
 
     def relative_recruitment(self, intensity: FloatArray) -> FloatArray:
         """Return rho(u) / rho(1) of intensities (n,), NaN where the estimate cannot tell."""
