@@ -27,7 +27,7 @@ from rpms_ros.nodes.common.runner import run
 
 @dataclass(frozen=True)
 class Example(NodeParameters):
-    rate: float = parameter(20.0, 'Rate.', unit='Hz', minimum=1.0)
+    rate: float = parameter(20.0, 'Rate.', unit='Hz', minimum=1.0, maximum=50.0)
 
 class ExampleNode(Node):
 
@@ -122,7 +122,7 @@ def test_a_file_that_has_nothing_for_the_node_is_said(domain, tmp_path):
     ('yaml', 'message'),
     [
         ('rate: 20', 'error: parameter rate: expected double, got integer 20 (write 20.0)\n'),
-        ('rate: 0.5', 'error: parameter rate: expected [Hz] at least 1.0, got 0.5\n'),
+        ('rate: 0.5', 'error: parameter rate: expected [Hz] 1.0 to 50.0, got 0.5\n'),
     ],
 )
 def test_a_bad_parameter_is_one_line_and_exit_code_two(domain, tmp_path, yaml, message):
@@ -191,7 +191,7 @@ def test_help_tells_the_parameters_and_starts_nothing(domain):
     with start(domain, '--help') as process:
         out, errors = process.communicate(timeout=PATIENCE)
     assert (process.returncode, errors) == (0, '')
-    assert '  rate  Rate. ([Hz] at least 1.0; default 20.0)\n' in out
+    assert '  rate  Rate. ([Hz] 1.0 to 50.0; default 20.0)\n' in out
     assert 'running' not in out
 
 

@@ -104,9 +104,8 @@ class OperatorClient:
     def ready(self) -> bool:
         """Whether a driver serves everything that is asked for."""
         served = self._request.service_is_ready() and self._confirm.service_is_ready()
-        return bool(
-            served and self.goals.server_is_ready() and self._beats.get_subscription_count() > 0
-        )
+        heard = self._beats.get_subscription_count() > 0
+        return bool(served and self.goals.server_is_ready() and heard)
 
     def request(self) -> Future:
         """Ask for a token: first step of arming; it is there a moment after the answer."""
@@ -167,17 +166,17 @@ class ButtonPublisher:
         Whose executor serves it: where that hangs, the button falls silent.
     pressed : bool
         State at the beginning.
+
+    Attributes
+    ----------
+    pressed : bool
+        State of the button; `set` changes it.
     """
 
     def __init__(self, node: Node, pressed: bool = False) -> None:
-        self._node, self._pressed, self._left = node, pressed, False
+        self._node, self.pressed, self._left = node, pressed, False
         self._publisher = node.create_publisher(Bool, topics.EMERGENCY_STOP, qos.STOP_STATE)
         self.timer = every(node, 1.0 / RATE, self.say)
-
-    @property
-    def pressed(self) -> bool:
-        """State of the button."""
-        return self._pressed
 
     @property
     def listeners(self) -> int:
@@ -186,7 +185,7 @@ class ButtonPublisher:
 
     def set(self, pressed: bool) -> None:
         """Change the state and say so."""
-        changed, self._pressed = pressed != self._pressed, pressed
+        changed, self.pressed = pressed != self.pressed, pressed
         if changed:
             self.say()
 
@@ -194,7 +193,7 @@ class ButtonPublisher:
         """Publish the state."""
         # an executor may have taken the timer out of its queue before the button left
         if not self._left:
-            self._publisher.publish(Bool(data=self._pressed))
+            self._publisher.publish(Bool(data=self.pressed))
 
     def destroy(self) -> None:
         """Leave the graph; a driver that is armed takes this for a button that fell silent."""

@@ -6,7 +6,7 @@ A field made by `parameter` carries default, description, unit and bounds::
 
     @dataclass(frozen=True)
     class PlantParameters(NodeParameters):
-        rate: float = parameter(1000.0, 'Force samples a second', unit='Hz', minimum=1.0)
+        rate: float = parameter(1e3, 'Samples a second.', unit='Hz', minimum=1.0, maximum=2e4)
 
         def __post_init__(self) -> None:
             super().__post_init__()
@@ -57,14 +57,14 @@ class Description:
         One sentence.
     unit : str
         Unit, empty for a share, a count or a name.
-    minimum, maximum : float or None
-        Inclusive bounds, of every element if the field is a tuple.
+    minimum : float or None
+        Inclusive bound, of every element if the field is a tuple.
+    maximum : float
+        Inclusive bound; counts only with a minimum.
     choices : tuple of str
         Every string that is allowed; empty allows any.
     dynamic : bool
         Whether it may be changed while the node runs.
-    may_be_empty : bool
-        Whether a list may be empty, as it is by default.
     true_is : str
         What a text was where ROS gives true for it: it reads y, yes and on as such.
     """
@@ -72,21 +72,16 @@ class Description:
     doc: str
     unit: str = ''
     minimum: float | None = None
-    maximum: float | None = None
+    maximum: float = math.inf
     choices: tuple[str, ...] = ()
     dynamic: bool = False
-    may_be_empty: bool = False
     true_is: str = ''
 
     def conditions(self) -> str:
         """Return unit, bounds and choices in words."""
         parts = [f'[{self.unit}]'] if self.unit else []
-        if self.minimum is not None and self.maximum is not None:
+        if self.minimum is not None:
             parts.append(f'{self.minimum} to {self.maximum}')
-        elif self.minimum is not None:
-            parts.append(f'at least {self.minimum}')
-        elif self.maximum is not None:
-            parts.append(f'at most {self.maximum}')
         if self.choices:
             parts.append('one of ' + ', '.join(self.choices))
         return ' '.join(parts)
@@ -98,8 +93,7 @@ def parameter(default: Any, doc: str, **description: Any) -> Any:
     A tuple may be empty if it is so by default.
     """
     return dataclasses.field(
-        default=default,
-        metadata={_METADATA: Description(doc, may_be_empty=default == (), **description)},
+        default=default, metadata={_METADATA: Description(doc, **description)}
     )
 
 
@@ -109,7 +103,10 @@ class NodeParameters:
 
     def __post_init__(self) -> None:
         for name, description in descriptions(type(self)).items():
-            _require(name, getattr(self, name), type_of(type(self), name), description)
+            value = getattr(self, name)
+            # ROS cannot tell the type of an empty list
+            if value != () or getattr(type(self), name) != ():
+                _require(name, value, type_of(type(self), name), description)
 
 
 Settings = TypeVar('Settings', bound=NodeParameters)
@@ -131,9 +128,6 @@ def type_of(settings: type[NodeParameters], name: str) -> Parameter.Type:
 
 def _require(name: str, value: Any, expected: Parameter.Type, description: Description) -> None:
     """Raise NodeError unless `value` has the type and keeps the bounds."""
-    if description.may_be_empty and isinstance(value, list | tuple) and not value:
-        # it has the type that is expected: ROS cannot tell the type of an empty list
-        return
     got = Parameter.Type.from_parameter_value(list(value) if isinstance(value, tuple) else value)
     if got is not expected:
         names = [kind.name.lower().replace('_', ' ') for kind in (expected, got)]
@@ -160,20 +154,7 @@ def _within(item: Any, description: Description) -> bool:
         return not description.choices or item in description.choices
     if isinstance(item, float) and not math.isfinite(item):
         return False
-    if description.minimum is not None and item < description.minimum:
-        return False
-    return description.maximum is None or item <= description.maximum
-
-
-def _descriptor(name: str, kind: Parameter.Type, description: Description) -> ParameterDescriptor:
-    # bounds are checked here, with a reason: rclpy would name none
-    return ParameterDescriptor(
-        name=name,
-        type=kind.value,
-        description=description.doc,
-        additional_constraints=description.conditions(),
-        read_only=not description.dynamic,
-    )
+    return description.minimum is None or description.minimum <= item <= description.maximum
 
 
 def declare_parameters(
@@ -201,17 +182,26 @@ def declare_parameters(
     given: dict[str, Parameter] = getattr(node, '_parameter_overrides', {})
     values: dict[str, Any] = {}
     for name, description in descriptions(settings).items():
-        kind = type_of(settings, name)
-        default = getattr(settings, name)
+        kind, default = type_of(settings, name), getattr(settings, name)
+        # bounds are checked here, with a reason: rclpy would name none
+        descriptor = ParameterDescriptor(
+            name=name,
+            type=kind.value,
+            description=description.doc,
+            additional_constraints=description.conditions(),
+            read_only=not description.dynamic,
+        )
         if default == () and not (name in given and given[name].value):
-            _declare_empty(node, name, kind, _descriptor(name, kind, description))
+            # ROS takes an empty list for bytes, and that of a file for nothing
+            node.declare_parameter(name, kind, ignore_override=True)
+            node.set_parameters([Parameter(name, kind, [])])
+            node.set_descriptor(name, descriptor)
             values[name] = ()
             continue
-        if name in given and given[name].value is True and description.true_is:
-            given[name] = Parameter(name, value=description.true_is)
         if name in given:
+            if given[name].value is True and description.true_is:
+                given[name] = Parameter(name, value=description.true_is)
             _require(name, given[name].value, kind, description)
-        descriptor = _descriptor(name, kind, description)
         # of an empty list the type alone
         plain = (list(default) or kind) if isinstance(default, tuple) else default
         declared = node.declare_parameter(name, plain, descriptor).value
@@ -221,15 +211,6 @@ def declare_parameters(
         return settings(**values)
     except RpmsError as error:
         raise NodeError(f'parameters of {node.get_name()}: {error}') from error
-
-
-def _declare_empty(
-    node: Node, name: str, kind: Parameter.Type, descriptor: ParameterDescriptor
-) -> None:
-    """Declare an empty list: ROS takes one for bytes, and that of a file for nothing."""
-    node.declare_parameter(name, kind, ignore_override=True)
-    node.set_parameters([Parameter(name, kind, [])])
-    node.set_descriptor(name, descriptor)
 
 
 def _warn_of_unknown(node: Node, given: dict[str, Parameter], known: list[str]) -> None:

@@ -6,76 +6,66 @@ Data is reliable and volatile: no sample is skipped, and a late subscriber does 
 earlier samples.  The depths are for a receiver that stalls, not for one that is always too slow.
 """
 
+from itertools import islice
 from typing import Any, NamedTuple
 
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
-
-def _profile(
-    depth: int,
-    durability: DurabilityPolicy = DurabilityPolicy.VOLATILE,
-    reliability: ReliabilityPolicy = ReliabilityPolicy.RELIABLE,
-) -> QoSProfile:
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
-        depth=depth,
-        reliability=reliability,
-        durability=durability,
-    )
-
+_KEPT = DurabilityPolicy.TRANSIENT_LOCAL
+_BEST_EFFORT = ReliabilityPolicy.BEST_EFFORT
 
 # Five seconds at 1 kHz, longer than a stall by compilation or garbage collection.
-FORCE = _profile(5000)
+FORCE = QoSProfile(depth=5000)
 
 # For a sensor that publishes best effort; it also receives from reliable publishers.
-FORCE_BEST_EFFORT = _profile(5000, reliability=ReliabilityPolicy.BEST_EFFORT)
+FORCE_BEST_EFFORT = QoSProfile(depth=5000, reliability=_BEST_EFFORT)
 
 # A hundred seconds at 50 Hz.
-PULSES = _profile(5000)
+PULSES = QoSProfile(depth=5000)
 
-ESTIMATE = _profile(1000)
+ESTIMATE = QoSProfile(depth=1000)
 """For subscribers of new estimates."""
 
 # A late subscriber that asks for it gets the newest estimate at once, and no older one.
-ESTIMATE_KEPT = _profile(1, DurabilityPolicy.TRANSIENT_LOCAL)
+ESTIMATE_KEPT = QoSProfile(depth=1, durability=_KEPT)
 
-DISTURBANCE = _profile(1000)
+DISTURBANCE = QoSProfile(depth=1000)
 
 # Every state, and those of the last seconds for late subscribers; deep enough that a burst of
 # changes does not overwrite one before it is read.
-STATUS = _profile(100, DurabilityPolicy.TRANSIENT_LOCAL)
+STATUS = QoSProfile(depth=100, durability=_KEPT)
 
 # For subscribers that need the newest state only.
-STATUS_LATEST = _profile(1, DurabilityPolicy.TRANSIENT_LOCAL)
+STATUS_LATEST = QoSProfile(depth=1, durability=_KEPT)
 
 # The running schedule, also for a recorder that is started after it.
-ACCEPTED_SCHEDULE = _profile(1, DurabilityPolicy.TRANSIENT_LOCAL)
+ACCEPTED_SCHEDULE = QoSProfile(depth=1, durability=_KEPT)
 
 # Of a joystick: a press that is released again within a stall counts too.
-JOYSTICK = _profile(100, reliability=ReliabilityPolicy.BEST_EFFORT)
+JOYSTICK = QoSProfile(depth=100, reliability=_BEST_EFFORT)
 
 # Messages that may stop a driver: none is skipped, old ones are not repeated.
-STOP = _profile(10)
+STOP = QoSProfile(depth=10)
 
 
 # State of a button, also for a driver that starts later.
-STOP_STATE = _profile(1, DurabilityPolicy.TRANSIENT_LOCAL)
+STOP_STATE = QoSProfile(depth=1, durability=_KEPT)
 
 # The queue is common to all publishers; a driver empties it every 5 ms.
 STOP_DEPTH = 2000
 
 # Subscriptions of a driver to stops: from publishers of any durability and reliability ...
-STOP_LIVE = _profile(STOP_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+STOP_LIVE = QoSProfile(depth=STOP_DEPTH, reliability=_BEST_EFFORT)
 
 # ... and with the states published before the driver was started.
-STOP_KEPT = _profile(STOP_DEPTH, DurabilityPolicy.TRANSIENT_LOCAL)
+STOP_KEPT = QoSProfile(depth=STOP_DEPTH, durability=_KEPT)
 
 # For a view: receives from publishers of any quality of service and does not block them.
-VIEW = _profile(5000, reliability=ReliabilityPolicy.BEST_EFFORT)
+VIEW = QoSProfile(depth=5000, reliability=_BEST_EFFORT)
 
-TRUTH = _profile(100)
+TRUTH = QoSProfile(depth=100)
 """True state of a simulated muscle."""
 
 
@@ -103,11 +93,8 @@ def second_node(node: Node, suffix: str = '_hearing') -> Node:
 
 def taken_from(node: Node, kind: Any, name: str, profile: QoSProfile) -> Subscription:
     """Create a subscription whose messages are taken with `drained`."""
-    return node.create_subscription(kind, name, _served_by_nobody, profile)
-
-
-def _served_by_nobody(_message: Any) -> None:
-    """Do nothing: rclpy requires a callback."""
+    # rclpy requires a callback
+    return node.create_subscription(kind, name, lambda _: None, profile)
 
 
 # Most messages taken at once: more than a queue holds.
@@ -124,20 +111,15 @@ class Taken(NamedTuple):
 
 def drained(subscription: Subscription | None) -> list[Taken]:
     """Return the waiting messages of a subscription that no executor serves; none for None."""
-    found: list[Taken] = []
     if subscription is None:
-        return found
+        return []
     handle = subscription.handle
     with handle:
-        while len(found) < _MOST:
-            taken = handle.take_message(subscription.msg_type, True)
-            if taken is None:
-                break
-            data, about = taken
-            found.append(
-                Taken(data, about['publication_sequence_number'], about['received_timestamp'])
-            )
-    return found
+        waiting = iter(lambda: handle.take_message(subscription.msg_type, True), None)
+        return [
+            Taken(data, about['publication_sequence_number'], about['received_timestamp'])
+            for data, about in islice(waiting, _MOST)
+        ]
 
 
 class Ear:

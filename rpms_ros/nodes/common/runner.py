@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Run one node as a process: discovery, init, build, spin, signals, shut down."""
 
-import contextlib
 import os
 import random
 import signal
@@ -111,7 +110,7 @@ class StopRequest:
         """Restore the earlier handlers."""
         if self._thread is not None:
             signal.set_wakeup_fd(-1)
-            with contextlib.suppress(OSError):
+            with suppress(OSError):
                 os.close(self._written)
             self._thread.join()
             self._thread = None

@@ -9,7 +9,7 @@ from geometry_msgs.msg import Vector3, Wrench, WrenchStamped
 from std_msgs.msg import Header
 
 from rpms_msgs.msg import MuscleEstimate, MuscleTruth, Pulse, Schedule, ScheduleSegment
-from rpms_ros import messages, schedule_messages
+from rpms_ros.messages import MessageTypes
 
 PULSES = 'pulses'
 """rpms_msgs/Pulse: pulses that were delivered."""
@@ -60,21 +60,12 @@ DIAGNOSTICS = '/diagnostics'
 """diagnostic_msgs/DiagnosticArray: absolute, where ROS tools look for them."""
 
 
-MESSAGE_TYPES: messages.MessageTypes = {
-    messages.TIME: Time,
-    messages.HEADER: Header,
-    messages.VECTOR: Vector3,
-    messages.WRENCH: Wrench,
-    messages.WRENCH_STAMPED: WrenchStamped,
-    messages.PULSE: Pulse,
-    messages.MUSCLE_ESTIMATE: MuscleEstimate,
-    messages.MUSCLE_TRUTH: MuscleTruth,
-    schedule_messages.SCHEDULE: Schedule,
-    schedule_messages.SCHEDULE_SEGMENT: ScheduleSegment,
-}
-
-
 def type_name_of(kind: Any) -> str:
     """Return the name of a message class, such as ``rpms_msgs/msg/Pulse``."""
     package, folder = kind.__module__.split('.')[:2]
     return f'{package}/{folder}/{kind.__name__}'
+
+
+_OF_ROS = (Time, Header, Vector3, Wrench, WrenchStamped)
+_OWN = (Pulse, MuscleEstimate, MuscleTruth, Schedule, ScheduleSegment)
+MESSAGE_TYPES: MessageTypes = {type_name_of(kind): kind for kind in (*_OF_ROS, *_OWN)}
