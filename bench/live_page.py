@@ -25,7 +25,7 @@ from pathlib import Path
 
 from tornado.websocket import websocket_connect
 
-from rpms_ros.nodes.simulation_launcher import LIVE_PAGE, SimulationLauncher, SimulationSettings
+from rpms_ros.nodes.simulation_launcher import IDENTIFIER, LIVE_PAGE, PLANT, SimulationLauncher
 from rpms_ros.stimulation import paper_random
 
 FORCE_RATE = 1000.0
@@ -137,17 +137,16 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument('--duration', type=float, default=20.0, help='seconds of each part')
     span = parser.parse_args(argv).duration
     port = free_port()
-    settings = SimulationSettings(
-        plant={'rate': FORCE_RATE, 'noise': 0.02, 'publication_delay': 0.05},
-        driver={},
-        schedule=paper_random(4.0 * span + 30.0),
-        identifier={'estimator': 'tracking'},
-        live_page={'port': port},
-    )
+    parameters: dict[str, dict[str, object]] = {
+        PLANT: {'rate': FORCE_RATE, 'noise': 0.02, 'publication_delay': 0.05},
+        IDENTIFIER: {'estimator': 'tracking'},
+        LIVE_PAGE: {'port': port},
+    }
+    schedule = paper_random(4.0 * span + 30.0)
     begun = time.monotonic()
     with (
         tempfile.TemporaryDirectory() as folder,
-        SimulationLauncher(Path(folder) / 'session', settings) as launcher,
+        SimulationLauncher(Path(folder) / 'session', parameters, schedule) as launcher,
     ):
         browser = connected(launcher, port)
         while not browser.curve_at:
@@ -156,7 +155,7 @@ def main(argv: list[str] | None = None) -> int:
         domain = launcher.monitor.context.get_domain_id()
         environment = {**os.environ, 'ROS_DOMAIN_ID': str(domain)}
         listener = subprocess.Popen([sys.executable, '-c', LISTENER], env=environment)
-        pids = {'page': launcher.processes[LIVE_PAGE], 'listener': listener.pid}
+        pids = {'page': launcher.processes[LIVE_PAGE].pid, 'listener': listener.pid}
         launcher.step(3.0)
         try:
             browser.frames.clear()

@@ -8,7 +8,7 @@ import time
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rpms_ros.cli.options import Subparsers, add_command, add_option, add_preset_option
 from rpms_ros.errors import NodeError
@@ -16,7 +16,7 @@ from rpms_ros.errors import NodeError
 if TYPE_CHECKING:
     from rpms_ros.muscle import Subject
     from rpms_ros.muscle.scenario import Scenario
-    from rpms_ros.nodes.simulation_launcher import SimulationLauncher, SimulationSettings
+    from rpms_ros.nodes.simulation_launcher import SimulationLauncher
 
 _DESCRIPTION = """\
 Starts a simulated muscle, a stimulator driver and the identifier as three ROS 2 nodes, each a
@@ -44,35 +44,25 @@ _PERIOD = 5.0
 
 def add_demo(subparsers: Subparsers) -> None:
     """Add `rpms demo`."""
-    parser = add_command(
-        subparsers,
-        'demo',
-        run,
-        'simulated muscle, driver and identifier live, with a report (needs ROS 2)',
-        _DESCRIPTION,
-        _EXAMPLES,
-    )
+    summary = 'simulated muscle, driver and identifier live, with a report (needs ROS 2)'
+    parser = add_command(subparsers, 'demo', run, summary, _DESCRIPTION, _EXAMPLES)
     add_option(parser, '--duration S', 45.0, 'stimulation [s]')
     schedules = ('uniform_random', 'sinusoid', 'staircase')
     add_option(parser, '--schedule', 'uniform_random', 'course of intensity', choices=schedules)
-    add_option(
-        parser,
-        '--subject',
-        'simulation',
+    text = (
         'the muscle: of the simulated identification, average magnetic, average electrical or '
-        'random',
-        choices=('simulation', 'rpms', 'fes', 'random'),
+        'random'
     )
+    subjects = ('simulation', 'rpms', 'fes', 'random')
+    add_option(parser, '--subject', 'simulation', text, choices=subjects)
     text = 'standard deviation of the noise of the sensor [N]; negative: 0.5 %% of the force'
     add_option(parser, '--noise N', -1.0, text)
     add_option(parser, '--seed K', 1, 'of pulses, noise and random subject')
-    add_option(
-        parser,
-        '--scenario NAME|FILE',
-        '',
+    text = (
         'what happens in the session: fatigue, coil-moved, voluntary, restless, bad-sensor, '
-        'steady, or a YAML file; its noise counts unless --noise is given',
+        'steady, or a YAML file; its noise counts unless --noise is given'
     )
+    add_option(parser, '--scenario NAME|FILE', '', text)
     text = (
         'one pass with a state of fixed size, or one that follows a muscle that changes '
         '(default: recursive, with a scenario tracking)'
@@ -88,25 +78,28 @@ def add_demo(subparsers: Subparsers) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the simulation, then report; return the exit code."""
+    from rpms_ros.api.simulating import named_schedule
+    from rpms_ros.muscle import subject_by_name
     from rpms_ros.muscle.scenario import load_scenario
     from rpms_ros.nodes.identifier import IdentifierParameters
-    from rpms_ros.nodes.plant_simulator import PlantParameters, subject_of
-    from rpms_ros.nodes.simulation_launcher import SimulationLauncher
+    from rpms_ros.nodes.plant_simulator import PlantParameters
+    from rpms_ros.nodes.simulation_launcher import IDENTIFIER, PLANT, SimulationLauncher
 
     if arguments.live is not None and not 1 <= arguments.live <= 65535:
         raise NodeError(f'expected a port of 1 to 65535, got {arguments.live}')
     if not 1.0 <= arguments.duration <= 3600.0:
         raise NodeError(f'expected a duration of 1 to 3600 s, got {arguments.duration}')
     scenario = load_scenario(arguments.scenario) if arguments.scenario else None
-    settings = simulation_settings(arguments)
-    subject = subject_of(PlantParameters(**settings.plant))
+    seed, parameters = arguments.seed, node_parameters(arguments)
+    schedule = named_schedule(arguments.schedule, arguments.duration, RATE, seed)
     # refused before any node has started
-    IdentifierParameters(**settings.identifier)
-    folder = arguments.out or Path('out') / datetime.now().astimezone().strftime(
-        'demo_%Y%m%d_%H%M%S'
-    )
+    PlantParameters(**parameters[PLANT])
+    IdentifierParameters(**parameters[IDENTIFIER])
+    subject = subject_by_name(arguments.subject, seed)
+    name = datetime.now().astimezone().strftime('demo_%Y%m%d_%H%M%S')
+    folder = arguments.out or Path('out') / name
     print(f'three nodes, one recording, in {folder}', flush=True)
-    with SimulationLauncher(folder, settings) as launcher:
+    with SimulationLauncher(folder, parameters, schedule) as launcher:
         if arguments.live is not None:
             _await_page(launcher, arguments.live)
             print(f'in the browser: http://127.0.0.1:{arguments.live}/', flush=True)
@@ -117,21 +110,21 @@ def run(arguments: argparse.Namespace) -> int:
             f'expected estimates, got none before the driver stopped: is this machine busy? What '
             f'the nodes said is in {folder}'
         )
-    return _report(launcher, subject, settings, scenario)
+    return _report(launcher, subject, parameters[IDENTIFIER], scenario)
 
 
-def simulation_settings(arguments: argparse.Namespace) -> 'SimulationSettings':
-    """Return the parameters of the three nodes."""
-    from rpms_ros.api.simulating import named_schedule
-    from rpms_ros.nodes.simulation_launcher import SimulationSettings
+def node_parameters(arguments: argparse.Namespace) -> dict[str, dict[str, Any]]:
+    """Return the parameters of the nodes, by name."""
+    from rpms_ros.nodes.simulation_launcher import IDENTIFIER, LIVE_PAGE, PLANT
 
     scenario = arguments.scenario
     if scenario and Path(scenario).exists():
         # the nodes may run elsewhere
         scenario = str(Path(scenario).resolve())
     estimator = arguments.estimator or ('tracking' if scenario else 'recursive')
-    return SimulationSettings(
-        plant={
+    page = {} if arguments.live is None else {LIVE_PAGE: {'port': arguments.live}}
+    return {
+        PLANT: {
             'rate': FORCE_RATE,
             'subject': arguments.subject,
             'seed': arguments.seed,
@@ -140,11 +133,9 @@ def simulation_settings(arguments: argparse.Namespace) -> 'SimulationSettings':
             # on a busy machine pulses arrive late, but still before their force
             'publication_delay': 0.05,
         },
-        driver={},
-        identifier={'estimator': estimator, 'preset': arguments.preset},
-        live_page=None if arguments.live is None else {'port': arguments.live},
-        schedule=named_schedule(arguments.schedule, arguments.duration, RATE, arguments.seed),
-    )
+        IDENTIFIER: {'estimator': estimator, 'preset': arguments.preset},
+        **page,
+    }
 
 
 def _await_page(launcher: 'SimulationLauncher', port: int) -> None:
@@ -223,7 +214,7 @@ def _show(
 def _report(
     launcher: 'SimulationLauncher',
     subject: 'Subject',
-    settings: 'SimulationSettings',
+    identifier: dict[str, Any],
     scenario: 'Scenario | None',
 ) -> int:
     """Identify the recording, print what came out; return the exit code."""
@@ -237,7 +228,7 @@ def _report(
 
     path = launcher.folder / RECORDING
     recording = read_recording(path)
-    estimator, preset = settings.identifier['estimator'], settings.identifier['preset']
+    estimator, preset = identifier['estimator'], identifier['preset']
     # what `rpms identify` does, on what the identifier heard
     session = identified(recording, IdentificationOptions(estimator, preset))
     rate = session.last.repetition_rate

@@ -12,9 +12,11 @@ identifier looks.
 """
 
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -160,12 +162,8 @@ class IdentifierParameters(NodeParameters):
 
 def stream_settings(settings: IdentifierParameters) -> StreamSettings:
     """Return how samples and pulses are brought together."""
-    return StreamSettings(
-        reorder_delay=settings.reorder_delay,
-        estimate_period=settings.estimate_period,
-        largest_force=settings.largest_force,
-        monitors=settings.monitors,
-    )
+    names = ('reorder_delay', 'estimate_period', 'largest_force', 'monitors')
+    return StreamSettings(**{name: getattr(settings, name) for name in names})
 
 
 def build_estimator(settings: IdentifierParameters) -> Estimator:
@@ -202,9 +200,7 @@ class Hearing:
     """
 
     def __init__(self, node: Node, axis: Axis, quantity: str) -> None:
-        self._named = node
-        self._axis = axis
-        self._quantity = quantity
+        self._axis, self._quantity = axis, quantity
         self.sensor_frame = ''
         self._node = second_node(node)
         with complete_or_gone(self._node):
@@ -229,13 +225,10 @@ class Hearing:
         # Pulses last: none is handed over later than a sample that came after it.
         forces = self._force.taken()
         pulses = self._pulses.taken()
-        return (
-            PulseTrain.of(
-                [messages.pulse_of(deserialize_message(one.data, PulseMessage)) for one in pulses]
-            ),
-            self._trace(forces),
-            _places([one.received_ns for one in forces], [one.received_ns for one in pulses]),
+        train = PulseTrain.of(
+            [messages.pulse_of(deserialize_message(one.data, PulseMessage)) for one in pulses]
         )
+        return train, self._trace(forces), _places(forces, pulses)
 
     def close(self) -> None:
         """Destroy the second node."""
@@ -253,11 +246,13 @@ class Hearing:
         return ForceTrace(np.array(stamps, dtype=np.int64), np.array(values, dtype=np.float64))
 
 
-def _places(forces_came_ns: list[int], came_ns: list[int]) -> IntArray:
+def _places(forces: list[Taken], others: list[Taken]) -> IntArray:
     """Return how many samples came before each of other messages (messages,), ascending."""
+    forces_ns, others_ns = (
+        np.array([one.received_ns for one in taken], dtype=np.int64) for taken in (forces, others)
+    )
     # A clock that is set back within a look must not change the order within a topic.
-    arrival = np.maximum.accumulate(np.array(forces_came_ns, dtype=np.int64))
-    before = np.searchsorted(arrival, np.array(came_ns, dtype=np.int64))
+    before = np.searchsorted(np.maximum.accumulate(forces_ns), others_ns)
     return np.maximum.accumulate(before)
 
 
@@ -276,35 +271,28 @@ class Publishers:
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self.fault_counts: dict[str, int] = {}
+        self.fault_counts: Counter[str] = Counter()
         self._counts: dict[str, int] = {}
         self._recent: deque[tuple[str, ...]] = deque(maxlen=_SECONDS)
 
     def look(self) -> None:
         """Note topics with more publishers than one."""
         crowded = []
-        for name, topic in (
-            (faults.FORCE_PUBLISHERS, topics.FORCE),
-            (faults.PULSE_PUBLISHERS, topics.PULSES),
-        ):
+        watched = {faults.FORCE_PUBLISHERS: topics.FORCE, faults.PULSE_PUBLISHERS: topics.PULSES}
+        for name, topic in watched.items():
             found = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(topic))
             count = len({tuple(one.endpoint_gid) for one in found})
             before = self._counts.get(name, 1)
             self._counts[name] = max(count, 1)
             if count > 1:
                 crowded.append(name)
-                further = max(count - before, 0)
-                self.fault_counts[name] = self.fault_counts.get(name, 0) + further
+                self.fault_counts[name] += max(count - before, 0)
         self._recent.append(tuple(crowded))
 
     def noted(self, estimate: Estimate) -> Estimate:
         """Return the estimate with what was found here among its faults and doubts."""
-        recent = {name for names in self._recent for name in names}
-        return replace(
-            estimate,
-            doubts=(*estimate.doubts, *sorted(recent)),
-            faults={**estimate.faults, **self.fault_counts},
-        )
+        doubts = (*estimate.doubts, *sorted(set(chain(*self._recent))))
+        return replace(estimate, doubts=doubts, faults={**estimate.faults, **self.fault_counts})
 
 
 def identifier_health(
@@ -315,14 +303,12 @@ def identifier_health(
     Stale while no force comes, a warning while the newest estimate is in doubt, ok otherwise.
     """
     level, text = DiagnosticStatus.OK, 'held: predicts, does not learn' if held else 'identifying'
+    figures: dict[str, object] = {'held': held}
     if estimate is None:
         text = 'no estimate yet'
-    elif estimate.doubts:
-        level, text = DiagnosticStatus.WARN, f'in doubt: {", ".join(estimate.doubts)}'
-    if silent:
-        level, text = DiagnosticStatus.STALE, 'no force'
-    figures: dict[str, object] = {'held': held}
-    if estimate is not None:
+    else:
+        if estimate.doubts:
+            level, text = DiagnosticStatus.WARN, f'in doubt: {", ".join(estimate.doubts)}'
         figures |= {
             'estimator': estimate.estimator,
             'samples': estimate.samples,
@@ -333,15 +319,10 @@ def identifier_health(
         }
         if estimate.reasons:
             figures['reasons'] = '; '.join(estimate.reasons)
+    if silent:
+        level, text = DiagnosticStatus.STALE, 'no force'
     figures |= {f'fault {fault}': count for fault, count in faults.items()}
     return Health(text, level, figures)
-
-
-def doubts_in_words(estimate: Estimate | None) -> str:
-    """Return why an estimate is not to be trusted; empty if nothing speaks against it."""
-    if estimate is None:
-        return ''
-    return '; '.join(stated_doubt(estimate, name) for name in estimate.doubts)
 
 
 # Silence of the force after which somebody should look at the sensor [s].
@@ -366,8 +347,11 @@ class Identifier(NodeOfParts):
             lambda: logger_of(self).info('compiling, once on a machine: one to three minutes'),
         )
         self.stream = build_stream(self.settings)
-        self._axis = unit_vector(self.settings.axis)
-        self._unit = UNITS[self.settings.quantity]
+        axis, quantity = unit_vector(self.settings.axis), self.settings.quantity
+        self._unit = UNITS[quantity]
+        self._wrench = partial(
+            messages.force_message, axis=axis, types=MESSAGE_TYPES, quantity=quantity
+        )
         self._reported: dict[str, int] = {}
         self._doubted = ''
         self._heard = time.monotonic()
@@ -379,25 +363,21 @@ class Identifier(NodeOfParts):
         self._diagnostics = DiagnosticsPublisher(
             self, 'identification', f'sensor of {self.resolve_topic_name(topics.FORCE)}'
         )
-        self._hearing = Hearing(self, self._axis, self.settings.quantity)
+        self._hearing = Hearing(self, axis, quantity)
         self._parts.callback(self._hearing.close)
         self._senders = Publishers(self)
-        for name, act in (
-            ('reset', self._reset),
-            ('hold', self._hold),
-            ('resume', self._resume),
-        ):
+        for name, act in {
+            'reset': self._reset,
+            'hold': self._hold,
+            'resume': self._resume,
+        }.items():
             self.create_service(Trigger, f'~/{name}', self._answering(act))
         every(self, _LOOK_PERIOD, self._process)
         every(self, PERIOD_S, self._report)
-        self._say_what_is_done()
-
-    def _say_what_is_done(self) -> None:
         force, pulses = (self.resolve_topic_name(name) for name in (topics.FORCE, topics.PULSES))
-        settings = self.settings
         logger_of(self).info(
-            f'identifying with {self.stream.estimator.name}: {settings.quantity} [{self._unit}] '
-            f'on {force} along {settings.axis}; pulses on {pulses}'
+            f'identifying with {self.stream.estimator.name}: {quantity} [{self._unit}] '
+            f'on {force} along {self.settings.axis}; pulses on {pulses}'
         )
 
     def _reset(self) -> str:
@@ -447,34 +427,21 @@ class Identifier(NodeOfParts):
         for estimate in self.stream.advance():
             self._last = replace(self._senders.noted(estimate), unit=self._unit)
             frame_id = self.settings.frame_id
-            self._estimate.publish(
-                estimate_messages.estimate_message(self._last, MESSAGE_TYPES, frame_id)
-            )
+            message = estimate_messages.estimate_message(self._last, MESSAGE_TYPES, frame_id)
+            self._estimate.publish(message)
             if estimate.disturbance_deviation > 0.0:
-                self._publish_disturbance(estimate)
-
-    def _publish_disturbance(self, estimate: Estimate) -> None:
-        """Publish the force that the stimulation does not cause."""
-        self._disturbance.publish(
-            messages.force_message(
-                estimate.stamp_ns,
-                estimate.disturbance,
-                self._axis,
-                MESSAGE_TYPES,
-                self._hearing.sensor_frame,
-                self.settings.quantity,
-            )
-        )
+                stamp_ns, value = estimate.stamp_ns, estimate.disturbance
+                frame_id = self._hearing.sensor_frame
+                self._disturbance.publish(self._wrench(stamp_ns, value, frame_id=frame_id))
 
     def _say_doubts(self) -> None:
         """Log when the estimate begins or ceases to be one that is not to be trusted."""
-        doubts = doubts_in_words(self._last)
-        if doubts == self._doubted:
-            return
+        last, before = self._last, self._doubted
+        doubts = '; '.join(stated_doubt(last, name) for name in last.doubts) if last else ''
         self._doubted = doubts
-        if doubts:
+        if doubts and doubts != before:
             logger_of(self).warning(f'the estimate is not to be trusted: {doubts}')
-        else:
+        elif before and not doubts:
             logger_of(self).info('nothing speaks against the estimate any more')
 
     def _report(self) -> None:

@@ -29,7 +29,6 @@ from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message
-from rclpy.subscription import Subscription
 from std_srvs.srv import Trigger
 
 from rpms_msgs.msg import DriverStatus, MuscleEstimate, Pulse
@@ -95,7 +94,10 @@ class LiveListener:
         self._axis, self._quantity = axis, quantity
         self._node = second_node(node)
         with complete_or_gone(self._node):
-            self._subscriptions = {key: self._subscription(key) for key in TYPES}
+            self._subscriptions = {
+                key: taken_from(self._node, kind, session.topics[key].name, qos.VIEW)
+                for key, (_, kind, _) in TYPES.items()
+            }
         self._unread: list[bytes] = []
         self._next_estimate = -math.inf
 
@@ -127,10 +129,6 @@ class LiveListener:
     def close(self) -> None:
         """End the second node; `listen` must not be called any more."""
         self._node.destroy_node()
-
-    def _subscription(self, key: str) -> Subscription:
-        _, kind, _ = TYPES[key]
-        return taken_from(self._node, kind, self._session.topics[key].name, qos.VIEW)
 
     def _heard(self, key: str, now: float) -> list[bytes]:
         found = [taken.data for taken in drained(self._subscriptions[key])]
@@ -321,11 +319,9 @@ class LivePage(NodeOfParts):
 
     def _build(self) -> None:
         self.settings = settings = declare_parameters(self, LivePageParameters)
-        axis = unit_vector(settings.axis)
-        token = self._token
+        axis, token = unit_vector(settings.axis), self._token
         if settings.token_file and not token:
             token = token_of(Path(settings.token_file).expanduser())
-        access = Access(token, settings.names)
         self.session = LiveSession(
             self.get_namespace(),
             expected_topics(self),
@@ -334,14 +330,10 @@ class LivePage(NodeOfParts):
             self.get_fully_qualified_name(),
             _first_curve_s(),
         )
-        self.stop: LiveStop | None = None
-        if token:
-            self.stop = LiveStop(
-                self, lambda: self.session.confirms_stop(time.monotonic()), self._tell
-            )
+        self.stop = LiveStop(self, self._stopped, self._tell) if token else None
         self.listener = LiveListener(self, self.session, axis, settings.quantity)
         self._parts.callback(self.listener.close)
-        place = settings.address, settings.port
+        access, place = Access(token, settings.names), (settings.address, settings.port)
         self.server = LiveServer(self.session, self.listener.listen, access, self.stop, *place)
         self._parts.callback(self.server.close)
         warm_up()
@@ -363,6 +355,9 @@ class LivePage(NodeOfParts):
 
         # the session belongs to the thread of the server
         self.server.call(take_over)
+
+    def _stopped(self) -> bool:
+        return self.session.confirms_stop(time.monotonic())
 
     def _tell(self, pressed: bool, text: str) -> None:
         self.server.call(lambda: self.session.stop(pressed, text))

@@ -7,8 +7,8 @@ At each tick of a steady timer every sample that is due is published with its ow
 tick delays samples but does not lose them or change their stamps.
 """
 
-import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
@@ -17,7 +17,7 @@ from rpms_msgs.msg import MuscleTruth, Pulse as PulseMessage
 from rpms_ros import estimate_messages, messages
 from rpms_ros.axis import FORCE, UNITS
 from rpms_ros.errors import LARGEST_SEED, MuscleError, NodeError
-from rpms_ros.muscle import SUBJECTS, Contraction, Subject, subject_by_name
+from rpms_ros.muscle import SUBJECTS, Contraction, subject_by_name
 from rpms_ros.muscle.scenario import Scenario, load_scenario
 from rpms_ros.muscle.simulation import SampledPlant, Surroundings
 from rpms_ros.nodes.common import qos, topics
@@ -77,11 +77,6 @@ class PlantParameters(NodeParameters):
             raise NodeError(str(error)) from error
 
 
-def subject_of(settings: PlantParameters) -> Subject:
-    """Return the preset."""
-    return subject_by_name(settings.subject, settings.seed)
-
-
 def scenario_of(settings: PlantParameters) -> Scenario:
     """Return the scenario; the noise of the parameters replaces its own."""
     scenario = load_scenario(settings.scenario) if settings.scenario else Scenario()
@@ -90,17 +85,15 @@ def scenario_of(settings: PlantParameters) -> Scenario:
         return scenario
     if noise < 0.0:
         # without any a resting force would be that of a sensor that is stuck
-        noise = _NOISE_SHARE * subject_of(settings).maximum_force
-    return dataclasses.replace(
-        scenario, disturbances=dataclasses.replace(scenario.disturbances, noise=noise)
-    )
+        noise = _NOISE_SHARE * subject_by_name(settings.subject, settings.seed).maximum_force
+    return replace(scenario, disturbances=replace(scenario.disturbances, noise=noise))
 
 
 def build_plant(settings: PlantParameters) -> SampledPlant:
     """Return the plant that the parameters describe."""
     scenario = scenario_of(settings)
     return SampledPlant(
-        Contraction(subject_of(settings), settings=scenario.living),
+        Contraction(subject_by_name(settings.subject, settings.seed), settings=scenario.living),
         Surroundings(scenario, settings.seed),
         settings.rate,
     )
@@ -126,16 +119,22 @@ class PlantSimulator(NodeOfParts):
         _warm_up(self.settings)
         self.plant = build_plant(self.settings)
         self._begun = False
-        self._axis = messages.AXES[self.settings.axis]
+        axis, quantity = messages.AXES[self.settings.axis], self.settings.quantity
+        self._wrench = partial(
+            messages.force_message,
+            axis=axis,
+            types=MESSAGE_TYPES,
+            frame_id=_FRAME,
+            quantity=quantity,
+        )
         self._force = self.create_publisher(WrenchStamped, topics.FORCE, qos.FORCE)
         self._truth = self.create_publisher(MuscleTruth, topics.TRUTH, qos.TRUTH)
         self._next_truth_ns = 0
         self.create_subscription(PulseMessage, topics.PULSES, self._on_pulse, qos.PULSES)
         self._delay_ns = nanoseconds(self.settings.publication_delay)
-        period = 1.0 / min(self.settings.rate, _FASTEST_TICK)
-        every(self, period, self._tick)
+        every(self, 1.0 / min(self.settings.rate, _FASTEST_TICK), self._tick)
         settings = self.settings
-        measured = f'{settings.quantity} [{UNITS[settings.quantity]}] along {settings.axis}'
+        measured = f'{quantity} [{UNITS[quantity]}] along {settings.axis}'
         logger_of(self).info(
             f'simulating subject {settings.subject}: {measured} at {settings.rate:g} Hz'
         )
@@ -144,10 +143,8 @@ class PlantSimulator(NodeOfParts):
         pulse = messages.pulse_of(message)
         fault = self.plant.add(pulse)
         if fault is not None:
-            count = self.plant.faults[fault]
-            logger_of(self).warning(
-                f'{fault}: {pulse} ({count} so far)', throttle_duration_sec=1.0
-            )
+            said = f'{fault}: {pulse} ({self.plant.faults[fault]} so far)'
+            logger_of(self).warning(said, throttle_duration_sec=1.0)
 
     def _tick(self) -> None:
         now_ns = int(self.get_clock().now().nanoseconds)
@@ -161,17 +158,12 @@ class PlantSimulator(NodeOfParts):
     def _publish_due(self, until_ns: int) -> None:
         trace = self.plant.sample(min(self.plant.due(until_ns), _LARGEST_BURST))
         for stamp_ns, force in zip(trace.stamp_ns.tolist(), trace.force.tolist(), strict=True):
-            self._force.publish(
-                messages.force_message(
-                    stamp_ns, force, self._axis, MESSAGE_TYPES, _FRAME, self.settings.quantity
-                )
-            )
+            self._force.publish(self._wrench(stamp_ns, force))
         newest_ns = self.plant.newest_ns
         if newest_ns >= self._next_truth_ns:
             self._next_truth_ns = newest_ns + _TRUTH_PERIOD_NS
-            self._truth.publish(
-                estimate_messages.truth_message(self.plant.truth(), MESSAGE_TYPES, _FRAME)
-            )
+            truth = self.plant.truth()
+            self._truth.publish(estimate_messages.truth_message(truth, MESSAGE_TYPES, _FRAME))
 
 
 def _warm_up(settings: PlantParameters) -> None:

@@ -60,17 +60,17 @@ def recorder_health(path: Path, counts: Mapping[str, int], lost: Mapping[str, in
         Messages that were lost, by topic.
     """
     free = shutil.disk_usage(path).free
-    total = sum(counts.values())
+    free_mb, total = f'{free / 1e6:.0f}', sum(counts.values())
     level, said = DiagnosticStatus.OK, 'recording' if total else 'recording; no message yet'
     faults = [f'{count} messages of {name} lost' for name, count in lost.items()]
     if free < LEAST_ROOM:
-        faults.append(f'{free / 1e6:.0f} MB are left on the disk')
+        faults.append(f'{free_mb} MB are left on the disk')
     if faults:
         level, said = DiagnosticStatus.WARN, '; '.join(faults)
     figures = {
         'path': path.resolve(),
         'messages': total,
-        'free on the disk [MB]': f'{free / 1e6:.0f}',
+        'free on the disk [MB]': free_mb,
         **{f'messages of {name}': count for name, count in counts.items()},
     }
     return Health(said, level, figures)
@@ -151,8 +151,11 @@ class Recorder(NodeOfParts):
         self.settings = declare_parameters(self, RecorderParameters)
         self._node = second_node(self)
         self._parts.callback(self._node.destroy_node)
+        # to the microsecond: of two recorders each has a name of its own
+        now = datetime.now().astimezone().strftime('rpms_%Y%m%d_%H%M%S_%f')
+        name = '_'.join(filter(None, [now, *self.get_namespace().split('/')]))
         try:
-            self._writer = self._opened()
+            self._writer = RecordingWriter(Path(self.settings.path or name).expanduser())
         except RecordingError as error:
             raise NodeError(str(error)) from error
         self._closed = False
@@ -183,14 +186,6 @@ class Recorder(NodeOfParts):
         """Messages that are missing in the numbers of their publisher, by topic."""
         return {topic.name: topic.lost for topic in self._topics.values() if topic.lost}
 
-    def _opened(self) -> RecordingWriter:
-        settings = self.settings
-        # to the microsecond: of two recorders each has a name of its own
-        now = datetime.now().astimezone().strftime('rpms_%Y%m%d_%H%M%S_%f')
-        name = '_'.join(filter(None, [now, *self.get_namespace().split('/')]))
-        path = Path(settings.path or name).expanduser()
-        return RecordingWriter(path)
-
     def _take(self) -> None:
         """Write the new messages in the order of their arrival."""
         if self._closed:
@@ -205,19 +200,14 @@ class Recorder(NodeOfParts):
                 arrived_ns = max(arrived_ns, received_ns)
                 found.append((arrived_ns, received_ns, topic, taken.data))
         for _, received_ns, topic, data in sorted(found, key=itemgetter(0)):
-            self._write(topic, received_ns, data)
-
-    def _write(self, topic: _Topic, received_ns: int, data: bytes) -> None:
-        if topic.number is None:
-            # Its publisher is known only now, with its quality of service.
-            infos = self.get_publishers_info_by_topic(topic.name)
-            topic.number = self._writer.add_topic(
-                self.resolve_topic_name(topic.name),
-                topics.type_name_of(topic.kind),
-                [_recorded(one.qos_profile) for one in infos],
-            )
-        self.counts[topic.name] += 1
-        self._writer.append(topic.number, received_ns, data)
+            if topic.number is None:
+                # Its publisher is known only now, with its quality of service.
+                infos = self.get_publishers_info_by_topic(topic.name)
+                kind = topics.type_name_of(topic.kind)
+                profiles = [_recorded(one.qos_profile) for one in infos]
+                topic.number = self._writer.add_topic(topic.ear.name, kind, profiles)
+            self.counts[topic.name] += 1
+            self._writer.append(topic.number, received_ns, data)
 
     def _count_publishers(self, topic: _Topic) -> None:
         topic.most_publishers = max(topic.most_publishers, self.count_publishers(topic.name))
@@ -229,25 +219,21 @@ class Recorder(NodeOfParts):
             self._count_publishers(topic)
             topic.lost += sequence - newest - 1 if topic.most_publishers < 2 else 0
 
-    def _hear_best_effort(self) -> None:
-        """Subscribe best effort to topics that a reliable subscription does not receive."""
+    def _report(self) -> None:
+        """Check the publishers and publish the health of the recorder."""
+        if self._closed:
+            return
         for topic in self._topics.values():
             if topic.ear.look():
                 logger_of(self).warning(
                     f'{topic.ear.name} is published best effort: it is recorded, and messages may '
                     'be lost'
                 )
-
-    def _report(self) -> None:
-        """Check the publishers and publish the health of the recorder."""
-        if self._closed:
-            return
-        self._hear_best_effort()
         before, self._told = self._told, self.lost
         for name, count in self._told.items():
             if count != before.get(name):
-                resolved = self.resolve_topic_name(name)
-                logger_of(self).warning(f'{count} messages of {resolved} were lost so far')
+                heard = self._topics[name].ear.name
+                logger_of(self).warning(f'{count} messages of {heard} were lost so far')
         self._diagnostics.publish(recorder_health(self.path, self.counts, self._told))
 
     def _flush(self) -> None:
@@ -271,8 +257,8 @@ class Recorder(NodeOfParts):
         lost, publishers = {}, {}
         for topic in self._topics.values():
             self._count_publishers(topic)
-            name = self.resolve_topic_name(topic.name)
-            lost[name], publishers[name] = topic.lost, topic.most_publishers
+            lost[topic.ear.name] = topic.lost
+            publishers[topic.ear.name] = topic.most_publishers
         for key, counts in ((PUBLISHERS_KEY, publishers), (LOST_KEY, lost)):
             known = {name: count for name, count in counts.items() if count}
             self._writer.custom[key] = json.dumps(known)

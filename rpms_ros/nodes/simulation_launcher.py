@@ -12,8 +12,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +38,7 @@ from rpms_ros.nodes.common.runner import (
     use_fast_discovery,
 )
 from rpms_ros.nodes.recorder import Recorder
-from rpms_ros.stimulation import Schedule, paper_random, schedule_to_text
+from rpms_ros.stimulation import Schedule, schedule_to_text
 
 PLANT, IDENTIFIER, DRIVER = 'plant_simulator', 'identifier', 'stimulator_driver'
 LIVE_PAGE = 'live_page'
@@ -53,44 +52,19 @@ _LOOK_PERIOD = 0.2
 _QUIET = 0.5
 
 
-@dataclass(frozen=True)
-class SimulationSettings:
-    """Parameters of the nodes, by name; others keep their defaults.
-
-    Attributes
-    ----------
-    plant, driver, identifier : dict
-        Parameters of the three nodes.
-    live_page : dict or None
-        Parameters of the live page; None: no live page.
-    schedule : Schedule
-        What the driver runs.
-    """
-
-    plant: dict[str, Any]
-    driver: dict[str, Any]
-    identifier: dict[str, Any]
-    live_page: dict[str, Any] | None = None
-    schedule: Schedule = field(default_factory=paper_random)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the nodes that run as processes."""
-        return (PLANT, IDENTIFIER, DRIVER) + ((LIVE_PAGE,) if self.live_page is not None else ())
-
-    def of(self, name: str, folder: Path) -> dict[str, Any]:
-        """Return the parameters of a node with those that make the nodes wait for each other."""
-        # Subscribers of the force are identifier and recorder, of the pulses the plant too; a live
-        # page subscribes to both.
-        page = self.live_page is not None
-        alone = {'autostart': True, 'require_operator': False, 'require_stop_button': False}
-        heard = {'minimum_subscribers': 3 + page, 'schedule_file': str(folder / SCHEDULE)}
-        return {
-            LIVE_PAGE: self.live_page or {},
-            PLANT: {'minimum_subscribers': 2 + page, **self.plant},
-            IDENTIFIER: self.identifier,
-            DRIVER: {**alone, **heard, **self.driver},
-        }[name]
+def _parameters(given: Mapping[str, dict[str, Any]], folder: Path) -> dict[str, dict[str, Any]]:
+    """Return the parameters of every node with those that make the nodes wait for each other."""
+    # Subscribers of the force are identifier and recorder, of the pulses the plant too; a live
+    # page subscribes to both.
+    page = LIVE_PAGE in given
+    alone = {'autostart': True, 'require_operator': False, 'require_stop_button': False}
+    heard = {'minimum_subscribers': 3 + page, 'schedule_file': str(folder / SCHEDULE)}
+    first: dict[str, dict[str, Any]] = {
+        PLANT: {'minimum_subscribers': 2 + page},
+        IDENTIFIER: {},
+        DRIVER: {**alone, **heard},
+    }
+    return {name: {**first.get(name, {}), **given.get(name, {})} for name in (*first, *given)}
 
 
 class Monitor(Node):
@@ -136,8 +110,16 @@ class SimulationLauncher:
     ----------
     folder : Path
         Folder for the recording, the parameters and the output of the processes; must not exist.
-    settings : SimulationSettings
-        Parameters of the nodes.
+    parameters : mapping of str to dict
+        Parameters of the nodes, by `PLANT`, `IDENTIFIER` and `DRIVER`; others keep their defaults.
+        With those of `LIVE_PAGE` there is a live page.
+    schedule : Schedule
+        What the driver runs.
+
+    Attributes
+    ----------
+    processes : dict of str to Popen
+        By the name of the node.
 
     Raises
     ------
@@ -145,10 +127,13 @@ class SimulationLauncher:
         If the folder exists, or a process does not start or ends too early.
     """
 
-    def __init__(self, folder: Path, settings: SimulationSettings) -> None:
-        self.folder, self._settings = folder, settings
+    def __init__(
+        self, folder: Path, parameters: Mapping[str, dict[str, Any]], schedule: Schedule
+    ) -> None:
+        self.folder, self._schedule = folder, schedule
+        self._parameters = _parameters(parameters, folder)
         self._cleanup = contextlib.ExitStack()
-        self._processes: dict[str, subprocess.Popen[bytes]] = {}
+        self.processes: dict[str, subprocess.Popen[bytes]] = {}
         self._next_look = 0.0
 
     def __enter__(self) -> 'SimulationLauncher':
@@ -156,13 +141,13 @@ class SimulationLauncher:
             self.folder.mkdir(parents=True)
         except OSError as error:
             raise NodeError(f'expected a new folder {self.folder}, got {error}') from error
-        (self.folder / SCHEDULE).write_text(schedule_to_text(self._settings.schedule))
+        (self.folder / SCHEDULE).write_text(schedule_to_text(self._schedule))
         with contextlib.ExitStack() as stack:
             self._stop_request = StopRequest()
             stack.callback(self._stop_request.restore)
             domain = stack.enter_context(free_domain())
-            stack.callback(lambda: self._end(*self._processes))
-            for name in self._settings.names:
+            stack.callback(lambda: self._end(*self.processes))
+            for name in self._parameters:
                 self._start(name, domain)
             stack.enter_context(self._listening(domain))
             self._stop_request.raise_if_made()
@@ -176,7 +161,7 @@ class SimulationLauncher:
     def _start(self, name: str, domain: int) -> None:
         """Start a node as a process in its own session, which does not receive Ctrl-C."""
         file = self.folder / f'{name}.yaml'
-        parameters = {name: {'ros__parameters': self._settings.of(name, self.folder)}}
+        parameters = {name: {'ros__parameters': self._parameters[name]}}
         file.write_text(yaml.safe_dump(parameters, sort_keys=False))
         environment = {
             **os.environ,
@@ -187,7 +172,7 @@ class SimulationLauncher:
         }
         code = f'import sys; from rpms_ros.nodes.{name} import main; sys.exit(main())'
         with (self.folder / f'{name}.txt').open('wb') as said:
-            self._processes[name] = subprocess.Popen(
+            self.processes[name] = subprocess.Popen(
                 [sys.executable, '-c', code, '--ros-args', '--params-file', str(file)],
                 env=environment,
                 stdout=said,
@@ -222,11 +207,6 @@ class SimulationLauncher:
             self._executor.shutdown()
             context.try_shutdown()
 
-    @property
-    def processes(self) -> dict[str, int]:
-        """Process ids of the nodes by name."""
-        return {name: process.pid for name, process in self._processes.items()}
-
     def step(self, duration: float) -> None:
         """Process messages for `duration` seconds.
 
@@ -248,7 +228,7 @@ class SimulationLauncher:
         if now < self._next_look:
             return
         self._next_look = now + _LOOK_PERIOD
-        for name, process in self._processes.items():
+        for name, process in self.processes.items():
             if process.poll() is not None:
                 said = (self.folder / f'{name}.txt').read_text().strip().splitlines()
                 ended = f'exit code {process.returncode}: {said[-1] if said else "nothing"}'
@@ -269,7 +249,7 @@ class SimulationLauncher:
 
     def _end(self, *names: str) -> None:
         """End processes: by a signal that they handle, then by SIGKILL."""
-        processes = [self._processes.pop(name) for name in names]
+        processes = [self.processes.pop(name) for name in names]
         for process in processes:
             process.send_signal(signal.SIGINT)
         end = time.monotonic() + _PATIENCE

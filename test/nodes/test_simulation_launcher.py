@@ -12,9 +12,10 @@ from pathlib import Path
 import pytest
 
 from rpms_ros.errors import NodeError
-from rpms_ros.nodes.simulation_launcher import SimulationLauncher, SimulationSettings
+from rpms_ros.nodes.simulation_launcher import SimulationLauncher
 from rpms_ros.recording import read_recording
 from rpms_ros.report.recorded import true_muscle
+from rpms_ros.stimulation import paper_random
 
 pytestmark = pytest.mark.long
 
@@ -114,10 +115,10 @@ def test_no_process_is_left_behind(tmp_path, wait_for, stop):
 
 
 def test_a_process_that_ends_too_early_is_named_with_its_last_words(tmp_path):
-    settings = SimulationSettings(plant={'rate': 1000}, driver={}, identifier={})
+    parameters = {'plant_simulator': {'rate': 1000}}
     lines = r'expected plant_simulator to run, got exit code 2: error: parameter rate: expected'
     with (
-        SimulationLauncher(tmp_path / 'session', settings) as launcher,
+        SimulationLauncher(tmp_path / 'session', parameters, paper_random()) as launcher,
         pytest.raises(NodeError, match=lines),
     ):
         launcher.step(30.0)
