@@ -25,7 +25,7 @@ from itertools import groupby
 import numpy as np
 import numpy.typing as npt
 
-from rpms_ros.axis import FORCE, Axis
+from rpms_ros.axis import FORCE, Axis, along
 from rpms_ros.errors import MessageError
 from rpms_ros.identification.model.estimate import Estimate
 from rpms_ros.muscle.recruitment import (
@@ -160,7 +160,9 @@ class ModelledForce:
             return np.full(len(stamp_ns), np.nan)
         time, response = self._estimate.response_time, self._estimate.response_force
         oldest = int(stamp_ns[0]) - math.ceil(float(time[-1]) * 1e9)
-        self._forget(oldest - _LATEST_NS)
+        # looking at all pulses takes longer than the rest
+        while self._pulses and self._pulses[0][0] < oldest - _LATEST_NS:
+            self._pulses.popleft()
         acting = [pulse for pulse in self._pulses if oldest < pulse[0] <= int(stamp_ns[-1])]
         total = np.full(len(stamp_ns), _baseline(self._estimate))
         if acting:
@@ -170,11 +172,6 @@ class ModelledForce:
             total += np.interp(after, time, response, left=0.0, right=0.0) @ share
         return total
 
-    def _forget(self, stamp_ns: int) -> None:
-        """Forget pulses before a stamp: looking at all of them takes longer than the rest."""
-        while self._pulses and self._pulses[0][0] < stamp_ns:
-            self._pulses.popleft()
-
 
 def warm_up() -> None:
     """Compile beforehand: the page would stand still at the first pulse."""
@@ -182,11 +179,8 @@ def warm_up() -> None:
 
 
 def _baseline(estimate: Estimate) -> float:
-    levels = [
-        float(value)
-        for name, value in zip(estimate.linear_names, estimate.linear, strict=False)
-        if name.startswith('baseline')
-    ]
+    known = zip(estimate.linear_names, estimate.linear, strict=False)
+    levels = [float(value) for name, value in known if name.startswith('baseline')]
     return levels[-1] if levels and math.isfinite(levels[-1]) else 0.0
 
 
@@ -216,13 +210,10 @@ def forces_of(
     """
     read = np.frombuffer(b''.join(messages), _type_of(_layout(messages[0]), quantity))
     stamp_ns = read['seconds'].astype(np.int64) * NANOSECONDS_PER_SECOND + read['rest']
-    shares = [(share, part) for share, part in zip(axis, 'xyz', strict=True) if share]
     # numbers of anybody may be infinite or too large for a sum
     with np.errstate(all='ignore'):
-        total = shares[0][0] * read[shares[0][1]]
-        for share, part in shares[1:]:
-            total = total + share * read[part]
-    return stamp_ns, total.astype(np.float64, copy=False)
+        force: FloatArray = along(axis, [read[part] for part in 'xyz'])
+    return stamp_ns, force.astype(np.float64, copy=False)
 
 
 def _layout(message: bytes) -> tuple[int, bytes, bytes]:
@@ -232,17 +223,15 @@ def _layout(message: bytes) -> tuple[int, bytes, bytes]:
 @lru_cache(maxsize=16)
 def _type_of(layout: tuple[int, bytes, bytes], quantity: str) -> npt.DTypeLike:
     length, order_byte, frame = layout
-    if length < _SHORTEST:
+    order, start, least = '<', 0, _SHORTEST
+    if length >= _SHORTEST:
+        order = '<' if order_byte[0] & 1 else '>'
+        (frame_length,) = struct.unpack(f'{order}I', frame)
+        start = 4 + -(-(12 + frame_length) // 8) * 8 + (0 if quantity == FORCE else _VECTOR_BYTES)
+        least = start + _VECTOR_BYTES
+    if length < least:
         raise MessageError(
-            f'expected a serialised WrenchStamped of at least {_SHORTEST} bytes, got {length}'
-        )
-    order = '<' if order_byte[0] & 1 else '>'
-    (frame_length,) = struct.unpack(f'{order}I', frame)
-    start = 4 + -(-(12 + frame_length) // 8) * 8 + (0 if quantity == FORCE else _VECTOR_BYTES)
-    if start + _VECTOR_BYTES > length:
-        raise MessageError(
-            f'expected a serialised WrenchStamped of at least {start + _VECTOR_BYTES} bytes, '
-            f'got {length}'
+            f'expected a serialised WrenchStamped of at least {least} bytes, got {length}'
         )
     return np.dtype(
         {

@@ -231,6 +231,7 @@ class LiveServer:
         self.port: int = self._socket.getsockname()[1]
         self.failure: Exception | None = None
         self.browsers: set[_Stream] = set()
+        self.contents = {path: (file.read_bytes(), kind) for path, (file, kind) in FILES.items()}
         self.session, self.access, self.stop = session, access, stop
         self._listen = listen
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -332,36 +333,25 @@ class _Server(HTTPServer):
 
 
 def _application(server: LiveServer) -> Application:
-    contents = {path: (file.read_bytes(), kind) for path, (file, kind) in FILES.items()}
     return Application(
         [
             (r'/stream', _Stream, {'server': server}),
             (r'/(stop|let_go)', _StopHandler, {'server': server}),
-            (r'(/.*)', _Files, {'server': server, 'contents': contents}),
+            (r'(/.*)', _Files, {'server': server}),
         ],
-        log_function=_say_nothing,
+        # whoever asks often would fill a disk
+        log_function=lambda _: None,
         websocket_max_message_size=_LONGEST_MESSAGE,
         websocket_ping_interval=_PATIENCE,
         websocket_ping_timeout=_PATIENCE,
     )
 
 
-def _say_nothing(_handler: RequestHandler) -> None:
-    """Log no request: whoever asks often would fill a disk."""
-
-
-def _forget(sent: 'asyncio.Future[None]') -> None:
-    """Look at what became of a frame, or asyncio complains of a browser that has gone."""
-    if not sent.cancelled():
-        sent.exception()
-
-
 class _Guarded(RequestHandler):
     """Answers only who asks by a known name and from the page itself."""
 
-    def initialize(self, server: LiveServer, contents: object = None) -> None:
+    def initialize(self, server: LiveServer) -> None:
         self.server = server
-        self.contents = contents
 
     def set_default_headers(self) -> None:
         for name, value in HEADERS.items():
@@ -388,13 +378,11 @@ class _Guarded(RequestHandler):
 class _Files(_Guarded):
     """The page and what it needs."""
 
-    contents: dict[str, tuple[bytes, str]]
-
     def get(self, path: str) -> None:
-        if path not in self.contents:
+        if path not in self.server.contents:
             self.refuse(404, 'expected a part of the page')
             return
-        content, kind = self.contents[path]
+        content, kind = self.server.contents[path]
         self.set_header('Content-Type', f'{kind}; charset=utf-8')
         self.finish(content)
 
@@ -416,8 +404,8 @@ class _StopHandler(_Guarded):
 class _Stream(WebSocketHandler, _Guarded):
     """One browser: gets a frame, takes it, asks for the next."""
 
-    def initialize(self, server: LiveServer, contents: object = None) -> None:
-        super().initialize(server, contents)
+    def initialize(self, server: LiveServer) -> None:
+        super().initialize(server)
         self.cursor = Cursor()
         self.ready = False
         self._messages = 0
@@ -447,6 +435,8 @@ class _Stream(WebSocketHandler, _Guarded):
         """Send a frame, after which the browser has what `cursor` says."""
         self.cursor, self.ready, self._messages = cursor, False, 0
         try:
-            self.write_message(text).add_done_callback(_forget)
+            # asyncio complains of a browser that has gone unless somebody looks
+            sent = self.write_message(text)
+            sent.add_done_callback(lambda done: done.cancelled() or done.exception())
         except WebSocketClosedError:
             self.server.browsers.discard(self)
