@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from rpms_ros.errors import MuscleError, check_number, check_seed
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, ForceTrace, IntArray
@@ -194,23 +193,18 @@ class FaultySensor:
         copies = np.ones(len(stamp_ns), dtype=np.int64)
         for fault in self._faults:
             during = (time >= fault.at) & (time < fault.at + fault.duration)
-            self._apply(fault, shown, during)
             if fault.fault == LOST:
                 copies[during] = 0
             elif fault.fault == DOUBLED:
                 copies[during] *= 2
+            elif fault.fault == SCALED:
+                shown[during] *= fault.value
+            elif fault.fault == OFFSET:
+                shown[during] += fault.value
+            elif fault.fault == CLIPPED:
+                shown[during] = np.clip(shown[during], -abs(fault.value), abs(fault.value))
+            elif len(shown):
+                first = int(np.argmax(during)) if during.any() else 0
+                shown[during] = shown[first - 1] if first else self._last.get(fault, shown[0])
+                self._last[fault] = float(shown[-1])
         return ForceTrace(np.repeat(stamp_ns, copies), np.repeat(shown, copies))
-
-    def _apply(self, fault: SensorFault, shown: FloatArray, during: npt.NDArray[np.bool_]) -> None:
-        """Change the shown force (samples,) in place where the fault holds."""
-        if fault.fault == SCALED:
-            shown[during] *= fault.value
-        elif fault.fault == OFFSET:
-            shown[during] += fault.value
-        elif fault.fault == CLIPPED:
-            shown[during] = np.clip(shown[during], -abs(fault.value), abs(fault.value))
-        elif fault.fault == FROZEN and len(shown):
-            first = int(np.argmax(during)) if during.any() else 0
-            before = shown[first - 1] if first else self._last.get(fault, shown[0])
-            shown[during] = before
-            self._last[fault] = float(shown[-1])

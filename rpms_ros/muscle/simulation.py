@@ -148,9 +148,8 @@ def simulate_session(
     if len(stamp_ns):
         muscle.begin(int(stamp_ns[0]))
         surroundings.begin(int(stamp_ns[0]))
-    traces: list[ForceTrace] = []
+    traces, done = [ForceTrace(stamp_ns[:0], np.empty(0))], 0
     truths: list[Truth] = []
-    done = 0
     for part in _blocks(stamp_ns, truth_rate):
         due = int(np.searchsorted(pulses.onset_ns, part[-1], side='right'))
         muscle.add_pulses(pulses.onset_ns[done:due], pulses.intensity[done:due])
@@ -162,9 +161,8 @@ def simulate_session(
             truths.append(truth_at(muscle, surroundings, int(part[-1])))
         done = due
         advance(len(part))
-    stamps = np.concatenate([stamp_ns[:0], *(trace.stamp_ns for trace in traces)])
-    force = np.concatenate([np.empty(0), *(trace.force for trace in traces)])
-    return ForceTrace(stamps, force), truths
+    stamps = np.concatenate([trace.stamp_ns for trace in traces])
+    return ForceTrace(stamps, np.concatenate([trace.force for trace in traces])), truths
 
 
 def _blocks(stamp_ns: IntArray, truth_rate: float) -> list[IntArray]:

@@ -73,8 +73,11 @@ class Subject:
         broadcast together.
         """
         area = twitch_area(self.time_constant, self.order)
-        share = self.recruitment(intensity) * self.rate_recruitment.per_pulse(rate_hz)
-        return share * (self.maximum_force / self._reference() / area)
+        by_rate = self.rate_recruitment.per_pulse
+        share = self.recruitment(intensity) * by_rate(rate_hz)
+        # Table 3 gives rho_f(20 Hz) = 0.9990; with this F_max is exact at that rate.
+        reference = REFERENCE_RATE * float(by_rate(REFERENCE_RATE))
+        return share * (self.maximum_force / reference / area)
 
     def steady_force(self, intensity: npt.ArrayLike, rate_hz: npt.ArrayLike) -> FloatArray:
         """Return the steady mean force [N] of a train, rho(u, f) F_max (Eq. 8).
@@ -85,10 +88,6 @@ class Subject:
         mean = np.asarray(rate_hz, dtype=np.float64) * area
         force: FloatArray = self.pulse_weight(intensity, rate_hz) * mean
         return force
-
-    def _reference(self) -> float:
-        # Table 3 gives rho_f(20 Hz) = 0.9990; with this F_max is exact at that rate.
-        return REFERENCE_RATE * float(self.rate_recruitment.per_pulse(REFERENCE_RATE))
 
 
 def average_subject(modality: Modality = Modality.MAGNETIC) -> Subject:

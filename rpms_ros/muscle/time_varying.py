@@ -176,9 +176,6 @@ class Timeline:
     def __init__(self, start: dict[str, float], changes: Sequence[Change] = ()) -> None:
         ordered = sorted(changes, key=lambda change: change.at)
         self._knots = {name: _knots(name, start[name], ordered) for name in CHANGEABLE}
-        self._check_recruitment(start)
-
-    def _check_recruitment(self, start: dict[str, float]) -> None:
         names = ('threshold', 'saturation')
         # both are linear from knot to knot, and so is their distance
         knots = np.unique(np.concatenate([self._knots[name][0] for name in names]))
