@@ -1,20 +1,22 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The identifier on real rclpy: the off-line answer, and bad input that it must survive."""
+"""The identifier on real rclpy: the off-line answer, bad input, services, disturbance, torque."""
 
-from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_srvs.srv import Trigger
 
 import rpms_ros
 from rpms_msgs.msg import MuscleEstimate, Pulse as PulseMessage
 from rpms_ros import estimate_messages, messages
 from rpms_ros.errors import NodeError
-from rpms_ros.identification import Estimate, identify
+from rpms_ros.identification import identify
 from rpms_ros.identification.estimation.tracking import TrackingEstimator
 from rpms_ros.identification.model.summation import TemporalSummation
 from rpms_ros.muscle import Contraction, simulation_subject
@@ -26,13 +28,15 @@ from rpms_ros.nodes.identifier import (
     build_estimator,
     stream_settings,
 )
+from rpms_ros.nodes.recorder import Recorder
+from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.pulses import ForceTrace, PulseTrain
 
 START_NS = 1_700_000_000_000_000_000
 MILLISECOND = 1_000_000
 
 
-def recording(seconds: float = 2.0, start_ns: int = START_NS) -> tuple[PulseTrain, ForceTrace]:
+def recording(seconds=2.0, start_ns=START_NS):
     """A muscle under random pulses at 20 Hz, sampled at 1 kHz, without noise."""
     intensity = np.random.default_rng(1).uniform(0.4, 1.0, int(20 * seconds))
     pulses = PulseTrain.regular(intensity, 20.0, start_ns)
@@ -42,50 +46,57 @@ def recording(seconds: float = 2.0, start_ns: int = START_NS) -> tuple[PulseTrai
     return pulses, ForceTrace(stamps, muscle.force(stamps))
 
 
+def part(pulses, forces, first, last):
+    """Milliseconds of a recording."""
+    stamp_ns, force = forces.stamp_ns[first:last], forces.force[first:last]
+    return pulses[first // 50 : last // 50], ForceTrace(stamp_ns, force)
+
+
 class Bench:
     """An identifier, and somebody who feeds it and hears its estimates."""
 
-    def __init__(self, graph, **parameters: object) -> None:
-        self.graph = graph
-        self.estimates: list[Estimate] = []
-        probe = graph.node('probe')
-        self._pulses = probe.create_publisher(PulseMessage, 'pulses', qos.PULSES)
-        self._forces = probe.create_publisher(WrenchStamped, 'force', qos.FORCE)
-        probe.create_subscription(MuscleEstimate, 'estimate', self._on_estimate, qos.ESTIMATE)
+    def __init__(self, graph, **parameters):
+        self.graph, self.probe = graph, graph.node('probe')
+        self.messages = graph.heard(MuscleEstimate, 'estimate', qos.ESTIMATE)
+        self.disturbances = graph.heard(WrenchStamped, 'disturbance', qos.DISTURBANCE)
+        self._pulses = self.probe.create_publisher(PulseMessage, 'pulses', qos.PULSES)
+        self._forces = self.probe.create_publisher(WrenchStamped, 'force', qos.FORCE)
         self.identifier = graph.add(Identifier, **parameters)
-        self._publishers = (self._pulses, self._forces)
-        graph.wait_for(lambda: all(one.get_subscription_count() == 1 for one in self._publishers))
+        both = (self._pulses, self._forces)
+        graph.wait_for(lambda: all(one.get_subscription_count() == 1 for one in both))
 
-    def _on_estimate(self, message: MuscleEstimate) -> None:
-        self.estimates.append(estimate_messages.estimate_of(message))
+    @property
+    def estimates(self):
+        return [estimate_messages.estimate_of(one) for one in self.messages]
 
-    def send_pulses(self, train: PulseTrain, kept: Sequence[int] | None = None) -> None:
-        for index in range(len(train)) if kept is None else kept:
-            columns = (train.onset_ns, train.intensity, train.sequence, train.width)
-            pulse = messages.Pulse(*(column[index] for column in columns))
+    def send(self, pulses, forces):
+        """Send them; return the last estimate that is due."""
+        for columns in zip(
+            pulses.onset_ns, pulses.intensity, pulses.sequence, pulses.width, strict=True
+        ):
+            pulse = messages.Pulse(*columns)
             self._pulses.publish(messages.pulse_message(pulse, MESSAGE_TYPES))
-
-    def send_forces(self, trace: ForceTrace) -> None:
-        for stamp_ns, force in zip(trace.stamp_ns, trace.force, strict=True):
-            self._forces.publish(
-                messages.force_message(stamp_ns, force, messages.AXES['z'], MESSAGE_TYPES)
-            )
-
-    def wait_until(self, stamp_ns: int) -> Estimate:
-        """Wait for the last estimate whose stamp is due by then; return it."""
-        self.graph.wait_for(
-            lambda: bool(self.estimates) and self.estimates[-1].stamp_ns >= stamp_ns, 20.0
-        )
+        how = messages.AXES['z'], MESSAGE_TYPES, 'cell', self.identifier.settings.quantity
+        for stamp_ns, force in zip(forces.stamp_ns, forces.force, strict=True):
+            self._forces.publish(messages.force_message(stamp_ns, force, *how))
+        # the newest of the grid of 100 ms before the 200 ms in which samples wait
+        due_ns = int(forces.stamp_ns[-1]) - 300 * MILLISECOND
+        self.graph.wait_for(lambda: bool(self.messages) and self.newest_ns() >= due_ns)
         return self.estimates[-1]
 
+    def newest_ns(self):
+        return messages.nanoseconds(self.messages[-1].header.stamp)
 
-def offline(
-    pulses: PulseTrain, forces: ForceTrace, settings: IdentifierParameters
-) -> list[Estimate]:
-    return identify(build_estimator(settings), pulses, forces, stream_settings(settings)).estimates
+    def call(self, name):
+        client = self.probe.create_client(Trigger, f'identifier/{name}')
+        self.graph.wait_for(client.service_is_ready)
+        future = client.call_async(Trigger.Request())
+        self.graph.wait_for(future.done)
+        assert future.result().success
+        return future.result().message
 
 
-def same(first: Estimate, second: Estimate) -> list[str]:
+def same(first, second):
     """Names of the fields that differ in any bit."""
     return [
         name
@@ -95,32 +106,30 @@ def same(first: Estimate, second: Estimate) -> list[str]:
     ]
 
 
-def test_the_estimates_are_those_of_the_recording_bit_for_bit(graph) -> None:
-    pulses, forces = recording()
-    bench = Bench(graph)
-    bench.send_pulses(pulses)
-    bench.send_forces(forces)
-    # the newest cell of the estimates' grid that lies before the reorder delay
-    bench.wait_until(START_NS + 1_699 * MILLISECOND)
-    expected = offline(pulses, forces, bench.identifier.settings)
+def test_the_estimates_are_those_of_the_recording_bit_for_bit(graph):
+    bench, heard = Bench(graph), recording()
+    bench.send(*heard)
+    settings = bench.identifier.settings
+    expected = identify(build_estimator(settings), *heard, stream_settings(settings)).estimates
     assert len(bench.estimates) >= 17
     for live, replayed in zip(bench.estimates, expected, strict=False):
         assert same(live, replayed) == []
     assert bench.estimates[-1].faults == {}
+    # who comes late gets the newest estimate
+    durable = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    late = graph.heard(MuscleEstimate, 'estimate', durable)
+    graph.wait_for(lambda: bool(late) and late[-1] == bench.messages[-1])
 
 
-def test_a_lost_pulse_shows_in_the_sequence(graph) -> None:
+def test_a_lost_pulse_shows_in_the_sequence(graph):
     pulses, forces = recording()
-    bench = Bench(graph)
-    bench.send_pulses(pulses, [index for index in range(len(pulses)) if index != 10])
-    bench.send_forces(forces)
-    last = bench.wait_until(START_NS + 1_699 * MILLISECOND)
+    last = Bench(graph).send(pulses[np.arange(len(pulses)) != 10], forces)
     assert last.faults['pulse_lost'] == 1
     assert last.faults['samples_excluded'] >= 350
     assert np.isfinite(last.linear).all()
 
 
-def test_a_best_effort_sensor_is_heard(graph, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_best_effort_sensor_is_heard(graph, capfd):
     probe = graph.node('probe')
     sensor = probe.create_publisher(WrenchStamped, 'force', qos.FORCE_BEST_EFFORT)
     identifier = graph.add(Identifier)
@@ -128,7 +137,7 @@ def test_a_best_effort_sensor_is_heard(graph, capfd: pytest.CaptureFixture[str])
     sample = messages.force_message(START_NS, 1.0, messages.AXES['z'], MESSAGE_TYPES)
     before = identifier._heard
 
-    def heard() -> bool:
+    def heard():
         sensor.publish(sample)
         return identifier._heard > before
 
@@ -136,51 +145,85 @@ def test_a_best_effort_sensor_is_heard(graph, capfd: pytest.CaptureFixture[str])
     assert '/force is published best effort' in ''.join(capfd.readouterr())
 
 
-def test_a_second_publisher_on_the_graph_is_a_fault_and_a_doubt(graph, capfd) -> None:
-    pulses, forces = recording()
+def test_a_second_publisher_on_the_graph_is_a_fault_and_a_doubt(graph, capfd):
     bench = Bench(graph)
     other = graph.node('other')
     other.create_publisher(WrenchStamped, 'force', qos.FORCE)
     other.create_publisher(PulseMessage, 'pulses', qos.PULSES)
     crowded = bench.identifier._senders._recent
     graph.wait_for(lambda: ('force_publishers', 'pulse_publishers') in crowded)
-    bench.send_pulses(pulses)
-    bench.send_forces(forces)
-    last = bench.wait_until(START_NS + 1_699 * MILLISECOND)
+    last = bench.send(*recording())
     assert last.faults == {'force_publishers': 1, 'pulse_publishers': 1}
     assert {'force_publishers', 'pulse_publishers'} <= set(last.doubts)
     graph.wait_for(lambda: 'force_publishers: 1 so far' in ''.join(capfd.readouterr()))
 
 
-def test_reset_begins_anew(graph) -> None:
-    pulses, forces = recording()
+def test_a_reset_forgets_everything_and_begins_anew(graph):
     bench = Bench(graph)
-    bench.send_pulses(pulses)
-    bench.send_forces(forces)
-    before = bench.wait_until(START_NS + 1_699 * MILLISECOND)
-    bench.identifier._reset()
+    before = bench.send(*recording())
+    assert bench.call('reset') == 'reset: the identification starts again'
+    assert bench.identifier.stream.estimate().samples == 0
     (refused,) = bench.identifier.set_parameters([Parameter('estimator', value='tracking')])
     assert not refused.successful
     assert 'read-only' in refused.reason
-    count = len(bench.estimates)
-    later, force = recording(start_ns=START_NS + 10**10)
-    bench.send_pulses(later)
-    bench.send_forces(force)
-    last = bench.wait_until(START_NS + 10**10 + 1_499 * MILLISECOND)
-    assert len(bench.estimates) > count
+    last = bench.send(*recording(1.8, START_NS + 10**10))
     assert last.samples < before.samples
 
 
-def test_diagnostics_say_what_is_in_doubt(graph) -> None:
+def test_hold_predicts_and_resume_learns(graph, capfd):
+    bench, whole = Bench(graph), recording(3.5)
+    bench.send(*part(*whole, 0, 1000))
+    learnt = bench.identifier.stream.estimate().samples
+    assert bench.call('hold') == 'held: predicts, does not learn'
+    held = bench.send(*part(*whole, 1000, 2000))
+    assert set(held.faults) == {'samples_excluded'}
+    # those up to the newest one are still learnt from, and no other
+    assert learnt < held.samples <= 1000
+    before = bench.estimates[-2]
+    assert held.samples == before.samples
+    assert held.nonlinear.tolist() == before.nonlinear.tolist()
+    assert bench.call('resume') == 'resumed: learns'
+    assert bench.send(*part(*whole, 2000, 3500)).nonlinear.tolist() != held.nonlinear.tolist()
+    said = ''.join(capfd.readouterr())
+    assert 'identifying with recursive: force [N] on /force along z' in said
+    assert 'held: predicts, does not learn' in said
+
+
+def test_the_disturbance_is_published_where_an_estimator_tells_it(graph):
+    bench, whole = Bench(graph), recording(1.2)
+    bench.send(*part(*whole, 0, 600))
+    assert bench.disturbances == []
+    estimator = bench.identifier.stream.estimator
+    estimate = estimator.estimate
+
+    def telling(stamp_ns, faults):
+        return replace(estimate(stamp_ns, faults), disturbance=-0.7, disturbance_deviation=0.1)
+
+    estimator.estimate = telling
+    bench.send(*part(*whole, 600, 1200))
+    graph.wait_for(lambda: bool(bench.disturbances))
+    heard = bench.disturbances[-1]
+    assert (heard.wrench.force.x, heard.wrench.force.z) == (0.0, -0.7)
+    assert heard.header.frame_id == 'cell'
+    assert heard.header.stamp in [one.header.stamp for one in bench.messages]
+
+
+def test_a_torque_is_said_to_be_one(graph):
+    last = Bench(graph, quantity='torque').send(*recording(1.0))
+    assert last.unit == 'N m'
+    assert np.isfinite(last.linear).all()
+    assert last.samples > 500
+
+
+def test_diagnostics_say_what_is_in_doubt(graph):
     messages_heard = graph.heard(DiagnosticArray, '/diagnostics')
 
-    def heard() -> list[DiagnosticStatus]:
+    def heard():
         return [status for message in messages_heard for status in message.status]
 
     pulses, forces = recording(4.0)
     bench = Bench(graph)
-    bench.send_pulses(pulses)
-    bench.send_forces(ForceTrace(forces.stamp_ns, np.zeros(len(forces))))
+    bench.send(pulses, ForceTrace(forces.stamp_ns, np.zeros(len(forces))))
     graph.wait_for(lambda: any(one.level == DiagnosticStatus.WARN for one in heard()))
     status = next(one for one in heard() if one.level == DiagnosticStatus.WARN)
     assert status.name == '/identifier: identification'
@@ -191,21 +234,39 @@ def test_diagnostics_say_what_is_in_doubt(graph) -> None:
 
 
 @pytest.mark.long
-def test_the_log_says_when_the_estimate_is_not_to_be_trusted(
-    graph, capfd: pytest.CaptureFixture[str]
-) -> None:
-    """A force of the wrong sign: the curve comes out below zero."""
-    said: list[str] = []
+def test_two_legs_have_six_statuses_of_different_names_and_hardware(graph, tmp_path):
+    heard = graph.heard(DiagnosticArray, '/diagnostics')
 
-    def heard(text: str) -> bool:
+    def newest():
+        return {status.name: status for message in heard for status in message.status}
+
+    kinds = {'stimulator': StimulatorDriver, 'identification': Identifier, 'recording': Recorder}
+    nodes = {}
+    for leg in ('left', 'right'):
+        for task, kind in kinds.items():
+            path = {'path': str(tmp_path / leg)} if kind is Recorder else {}
+            node = graph.add(lambda k=kind, n=leg, **options: k(namespace=n, **options), **path)
+            nodes[f'/{leg}/{node.get_name()}: {task}'] = node
+    graph.wait_for(lambda: len(newest()) == 6)
+    assert set(newest()) == set(nodes)
+    hardware = {status.hardware_id for status in newest().values()}
+    assert len(hardware) == 6
+    assert all(hardware)
+
+
+@pytest.mark.long
+def test_the_log_says_when_the_estimate_is_not_to_be_trusted(graph, capfd):
+    """A force of the wrong sign: the curve comes out below zero."""
+    said = []
+
+    def heard(text):
         said.append(capfd.readouterr().err)
         return text in ''.join(said)
 
     pulses, forces = recording(4.0)
     bench = Bench(graph)
-    bench.send_pulses(pulses)
-    bench.send_forces(ForceTrace(forces.stamp_ns, -forces.force))
-    assert 'curve_negative' in bench.wait_until(START_NS + 3_699 * MILLISECOND).doubts
+    last = bench.send(pulses, ForceTrace(forces.stamp_ns, -forces.force))
+    assert 'curve_negative' in last.doubts
     graph.wait_for(lambda: heard('curve_negative: the curve is negative: a muscle does not push'))
     assert 'the estimate is not to be trusted: ' in ''.join(said)
     bench.identifier._reset()
@@ -222,12 +283,12 @@ def test_the_log_says_when_the_estimate_is_not_to_be_trusted(
         ({'preset': 'table_9'}, "preset: expected a preset of people, .* got 'table_9'"),
     ],
 )
-def test_bad_parameters_are_refused(values: dict[str, object], message: str) -> None:
+def test_bad_parameters_are_refused(values, message):
     with pytest.raises(NodeError, match=message):
         IdentifierParameters(**values)
 
 
-def test_a_history_law_and_an_earlier_session_are_parameters(tmp_path) -> None:
+def test_a_history_law_and_an_earlier_session_are_parameters(tmp_path):
     law = tmp_path / 'law.json'
     law.write_text('{"facilitation": 0.5}')
     settings = IdentifierParameters(estimator='tracking', temporal_summation=str(law))

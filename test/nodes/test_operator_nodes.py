@@ -46,29 +46,28 @@ def said(graph):
     return newest
 
 
-def test_any_key_presses_and_one_lets_go(graph, terminal, said):
-    typed, keyboard = terminal
-    graph.add(lambda **options: StopButton(keyboard, **options))
+@pytest.fixture
+def typed(graph, terminal, said):
+    """Where keys of a stop button are typed that has said that it is released."""
+    graph.add(lambda **options: StopButton(terminal[1], **options))
     graph.wait_for(lambda: said() is False)
+    return terminal[0]
+
+
+def test_any_key_presses_and_one_lets_go(graph, typed, said):
     os.write(typed, b' ')
     graph.wait_for(lambda: said() is True)
     os.write(typed, b'r')
     graph.wait_for(lambda: said() is False)
 
 
-def test_a_key_and_its_release_that_are_read_at_once_are_a_press(graph, terminal, said):
-    typed, keyboard = terminal
-    graph.add(lambda **options: StopButton(keyboard, **options))
-    graph.wait_for(lambda: said() is False)
+def test_a_key_and_its_release_that_are_read_at_once_are_a_press(graph, typed, said):
     os.write(typed, b' r')
     graph.wait_for(lambda: any(one.data for one in said.heard))
     graph.wait_for(lambda: said() is False)
 
 
-def test_a_terminal_that_is_gone_counts_as_pressed(graph, terminal, said):
-    typed, keyboard = terminal
-    graph.add(lambda **options: StopButton(keyboard, **options))
-    graph.wait_for(lambda: said() is False)
+def test_a_terminal_that_is_gone_counts_as_pressed(graph, typed, said):
     os.close(typed)
     graph.wait_for(lambda: said() is True)
 

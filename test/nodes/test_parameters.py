@@ -3,8 +3,10 @@
 """Parameters as one dataclass, their files, and nodes that are refused."""
 
 import threading
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import yaml
@@ -78,24 +80,14 @@ def declare(context, settings=Example, **values):
     return node, declare_parameters(node, settings)
 
 
-class _NoTerminal:
-    """Stands for a terminal that is not there; remembers whether it was let go of."""
-
-    there = False
-
-    def __init__(self):
-        self.closed = False
-
-    def read(self):
-        return ''
-
-    def close(self):
-        self.closed = True
-
-
-def names(node):
-    """Nodes on the graph, but for the one that looks."""
-    return {name for name, _ in node.get_node_names_and_namespaces()} - {node.get_name()}
+@contextmanager
+def nothing_left(graph):
+    """What is done here leaves neither a node on the graph nor a thread."""
+    other, threads = graph.node('other'), set(threading.enumerate())
+    yield
+    graph.wait_for(lambda: other.get_node_names() == ['other'])
+    # one of before may have ended meanwhile
+    assert set(threading.enumerate()) <= threads
 
 
 def test_defaults_and_overrides_come_back(context):
@@ -260,30 +252,23 @@ def test_a_node_that_is_refused_is_not_on_the_graph(
     graph, tmp_path, monkeypatch, kind, parameters, message
 ):
     monkeypatch.chdir(tmp_path)
-    other = graph.node('other')
-    threads = set(threading.enumerate())
-    with pytest.raises(RpmsError, match=message) as refused:
+    with nothing_left(graph), pytest.raises(RpmsError, match=message) as refused:
         graph.add(kind, **parameters)
-    graph.wait_for(lambda: not names(other))
-    # one of before may have ended meanwhile
-    assert set(threading.enumerate()) <= threads
     # whoever holds the error holds what was built of the node
     assert refused.traceback
 
 
 def test_a_console_without_a_terminal_lets_go_of_it(graph, tmp_path):
-    other = graph.node('other')
-    schedule = tmp_path / 'schedule.yaml'
+    schedule, closed = tmp_path / 'schedule.yaml', []
     schedule.write_text('segments: [{kind: pause, duration_s: 1.0}]')
-    terminal = _NoTerminal()
-    with pytest.raises(RpmsError, match='expected a terminal'):
+    terminal = SimpleNamespace(there=False, close=lambda: closed.append(True))
+    with nothing_left(graph), pytest.raises(RpmsError, match='expected a terminal'):
         graph.add(
             lambda **options: OperatorConsole(terminal, **options),
             operator='ada',
             schedule_file=str(schedule),
         )
-    assert terminal.closed
-    graph.wait_for(lambda: not names(other))
+    assert closed
 
 
 def test_the_driver_ends_what_it_has_begun_when_its_last_part_is_refused(
@@ -293,12 +278,7 @@ def test_the_driver_ends_what_it_has_begun_when_its_last_part_is_refused(
         raise RpmsError('expected the last part, got none')
 
     monkeypatch.setattr('rpms_ros.nodes.stimulator_driver.follow_parameters', refuse)
-    other = graph.node('other')
-    threads = set(threading.enumerate())
     log = tmp_path / 'audit.jsonl'
-    with pytest.raises(RpmsError, match='the last part'):
+    with nothing_left(graph), pytest.raises(RpmsError, match='the last part'):
         graph.add(StimulatorDriver, audit_log=str(log))
-    # one of before may have ended meanwhile
-    assert set(threading.enumerate()) <= threads
     assert log.read_text().splitlines()[-1].count('"end"') == 1
-    graph.wait_for(lambda: not names(other))

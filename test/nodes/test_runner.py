@@ -42,24 +42,36 @@ sys.exit(run(ExampleNode))
 """
 
 
-def start(domain, *arguments):
-    return subprocess.Popen(
+def stopped(domain, *arguments, stop=signal.SIGTERM):
+    """The first line of a node that then gets a signal, its exit code and what it complains of."""
+    with subprocess.Popen(
         [sys.executable, '-c', NODE, *arguments],
         env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
         text=True,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
+    ) as process:
+        line = process.stdout.readline()
+        process.send_signal(stop)
+        _, errors = process.communicate(timeout=PATIENCE)
+    return line.strip(), process.returncode, errors
+
+
+def ended(domain, code, *arguments):
+    """Return a Python process that has run some code."""
+    return subprocess.run(
+        [sys.executable, '-c', code, *arguments],
+        env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        check=False,
     )
 
 
 @pytest.mark.parametrize('stop', [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_the_node_with_exit_code_zero(domain, stop):
-    with start(domain) as process:
-        assert process.stdout is not None
-        assert process.stdout.readline() == 'running at 20.0\n'
-        process.send_signal(stop)
-        _, errors = process.communicate(timeout=PATIENCE)
-    assert (process.returncode, errors) == (0, '')
+    assert stopped(domain, stop=stop) == ('running at 20.0', 0, '')
 
 
 STARTER = """
@@ -76,14 +88,7 @@ os._exit(0)
 
 
 def test_a_node_ends_with_whoever_started_it(domain, tmp_path, wait_for):
-    done = subprocess.run(
-        [sys.executable, '-c', STARTER, NODE, str(tmp_path / 'heard')],
-        env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
-        text=True,
-        stdout=subprocess.PIPE,
-        check=True,
-        timeout=PATIENCE,
-    )
+    done = ended(domain, STARTER, NODE, str(tmp_path / 'heard'))
     wait_for(lambda: not is_running(int(done.stdout)))
 
 
@@ -98,22 +103,17 @@ def is_running(process):
 def test_parameters_come_from_a_yaml_file(domain, tmp_path):
     file = tmp_path / 'example.yaml'
     file.write_text('example:\n  ros__parameters:\n    rate: 2.5\n    rat: 1.0\n')
-    with start(domain, '--ros-args', '--params-file', str(file)) as process:
-        assert process.stdout is not None
-        assert process.stdout.readline() == 'running at 2.5\n'
-        process.terminate()
-        _, errors = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 0
+    line, code, errors = stopped(domain, '--ros-args', '--params-file', str(file))
+    assert (line, code) == ('running at 2.5', 0)
     assert 'parameter rat is unknown here and ignored' in errors
 
 
 def test_a_file_that_has_nothing_for_the_node_is_said(domain, tmp_path):
     file = tmp_path / 'example.yaml'
     file.write_text('/**/example:\n  ros__parameters: {rate: 2.5}\n')
-    with start(domain, '--ros-args', '-r', '__node:=other', '--params-file', str(file)) as process:
-        assert process.stdout.readline() == 'running at 20.0\n'
-        process.terminate()
-        _, errors = process.communicate(timeout=PATIENCE)
+    arguments = ('--ros-args', '-r', '__node:=other', '--params-file', str(file))
+    line, _, errors = stopped(domain, *arguments)
+    assert line == 'running at 20.0'
     assert 'WARN' in errors
     assert 'expected files with parameters for /other, got none for it' in errors
 
@@ -128,19 +128,17 @@ def test_a_file_that_has_nothing_for_the_node_is_said(domain, tmp_path):
 def test_a_bad_parameter_is_one_line_and_exit_code_two(domain, tmp_path, yaml, message):
     file = tmp_path / 'example.yaml'
     file.write_text(f'example:\n  ros__parameters:\n    {yaml}\n')
-    with start(domain, '--ros-args', '--params-file', str(file)) as process:
-        _, errors = process.communicate(timeout=PATIENCE)
-    assert (process.returncode, errors) == (2, message)
+    done = ended(domain, NODE, '--ros-args', '--params-file', str(file))
+    assert (done.returncode, done.stderr) == (2, message)
 
 
 @pytest.mark.parametrize('arguments', [['--params-file', '/missing.yaml'], ['--nonsense']])
 def test_bad_ros_arguments_are_no_traceback_and_exit_code_two(domain, arguments):
-    with start(domain, '--ros-args', *arguments) as process:
-        _, errors = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 2
+    done = ended(domain, NODE, '--ros-args', *arguments)
+    assert done.returncode == 2
     # rcl may log a line of its own before ours
-    assert errors.splitlines()[-1].startswith('error: ')
-    assert 'Traceback' not in errors
+    assert done.stderr.splitlines()[-1].startswith('error: ')
+    assert 'Traceback' not in done.stderr
 
 
 COMPILING = """
@@ -156,25 +154,13 @@ sys.exit(run(build))
 """
 
 
-def ended(code, domain):
-    """Return a Python process that has run some code."""
-    return subprocess.run(
-        [sys.executable, '-c', code],
-        env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE,
-        check=False,
-    )
-
-
 def test_a_signal_while_something_is_compiled_is_no_traceback(domain):
-    done = ended(COMPILING, domain)
+    done = ended(domain, COMPILING)
     assert (done.returncode, done.stdout, done.stderr) == (0, '', '')
 
 
 def test_a_node_that_fails_without_a_signal_says_why(domain):
-    done = ended(COMPILING.replace('signal.SIGINT', '0'), domain)
+    done = ended(domain, COMPILING.replace('signal.SIGINT', '0'))
     assert done.returncode == 1
     assert 'RuntimeError: no compiled object yet' in done.stderr
 
@@ -188,22 +174,19 @@ def test_a_signal_while_modules_are_imported_is_no_traceback(monkeypatch):
 
 
 def test_help_tells_the_parameters_and_starts_nothing(domain):
-    with start(domain, '--help') as process:
-        out, errors = process.communicate(timeout=PATIENCE)
-    assert (process.returncode, errors) == (0, '')
-    assert '  rate  Rate. ([Hz] 1.0 to 50.0; default 20.0)\n' in out
-    assert 'running' not in out
+    done = ended(domain, NODE, '--help')
+    assert (done.returncode, done.stderr) == (0, '')
+    assert '  rate  Rate. ([Hz] 1.0 to 50.0; default 20.0)\n' in done.stdout
+    assert 'running' not in done.stdout
 
 
-def test_a_node_without_ros_says_so_in_a_line():
+def test_a_node_without_ros_says_so_in_a_line(domain):
     name = 'stimulator_driver'
     code = (
         'import sys\nsys.modules["rclpy"] = None\n'
         f'from rpms_ros.nodes.executables import {name}\nsys.exit({name}())\n'
     )
-    done = subprocess.run(
-        [sys.executable, '-c', code], capture_output=True, text=True, timeout=PATIENCE, check=False
-    )
+    done = ended(domain, code)
     assert (done.returncode, done.stdout, done.stderr.count('\n')) == (2, '', 1)
     assert done.stderr.endswith(f'{name} needs ROS 2 Jazzy and rpms_msgs\n')
 

@@ -1,12 +1,14 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The launcher end to end: in one process, and as three with a recording."""
+"""The launcher end to end: as processes with a recording, with a page, and ended early."""
 
 import os
 import shutil
 import signal
 import subprocess
 import sys
+import urllib.error
+import urllib.request
 from pathlib import Path
 
 import pytest
@@ -123,3 +125,25 @@ def test_a_process_that_ends_too_early_is_named_with_its_last_words(tmp_path):
     ):
         launcher.step(30.0)
     assert processes_of(tmp_path) == []
+
+
+def test_the_page_of_a_demo_answers_when_it_is_printed_and_only_shows(tmp_path, unused_port):
+    with subprocess.Popen(
+        [*RPMS, 'demo', '--live', str(unused_port), '--out', str(tmp_path / 'demo')],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        try:
+            said = [process.stdout.readline() for _ in range(2)]
+            url = said[1].strip().rpartition(' ')[2]
+            with urllib.request.urlopen(url, timeout=60) as answer:
+                assert answer.status == 200
+            stop = urllib.request.Request(f'{url}stop', method='POST')
+            with pytest.raises(urllib.error.HTTPError, match='403'):
+                urllib.request.urlopen(stop, timeout=60)
+        finally:
+            process.send_signal(signal.SIGINT)
+            # a machine under load may have to compile first
+            _, errors = process.communicate(timeout=180)
+    assert 'Traceback' not in errors
