@@ -32,16 +32,9 @@ class Feed:
     def __init__(self, session, start_ns):
         self.session, self.start_ns = session, start_ns
         self.samples, self.begun, self.told = 0, None, []
-        self.late = 0.0
-        self.looks = 0
-        self._before = None
 
     def listen(self, now):
         self.begun = self.begun or now
-        self.looks += 1
-        if self._before is not None:
-            self.late = max(self.late, now - self._before)
-        self._before = now
         due = int(1000 * (now - self.begun))
         stamp_ns = self.start_ns + np.arange(self.samples, due) * MILLISECOND
         self.session.force(stamp_ns, np.ones(len(stamp_ns)))
@@ -59,12 +52,20 @@ def feed(session, start_ns):
     return Feed(session, start_ns)
 
 
+@contextlib.contextmanager
+def served(session, listen, *access_and_stop):
+    running = LiveServer(session, listen, *access_and_stop)
+    running.start()
+    try:
+        yield running
+    finally:
+        running.close()
+
+
 @pytest.fixture
 def server(session, feed):
-    running = LiveServer(session, feed.listen, Access(TOKEN), feed)
-    running.start()
-    yield running
-    running.close()
+    with served(session, feed.listen, Access(TOKEN), feed) as running:
+        yield running
     assert running.failure is None
 
 
@@ -96,13 +97,10 @@ def test_nothing_else_is_served(server, path):
 
 @pytest.mark.parametrize('path', ['/', '/stream', '/stop'])
 def test_a_name_that_was_made_to_point_here_is_refused(server, path):
-    status, text, _ = asked(
-        server, path, 'POST' if path == '/stop' else 'GET', Host='evil.example'
-    )
-    assert (status, text) == (
-        421,
-        'expected an address or a name that was allowed with --allow-name\n',
-    )
+    method = 'POST' if path == '/stop' else 'GET'
+    status, text, _ = asked(server, path, method, Host='evil.example')
+    assert status == 421
+    assert text == 'expected an address or a name that was allowed with --allow-name\n'
 
 
 def test_the_stop_needs_the_token(server, feed):
@@ -123,14 +121,10 @@ def test_the_stop_needs_the_token(server, feed):
 
 
 def test_a_page_without_a_token_has_no_stop(session, feed):
-    running = LiveServer(session, feed.listen, Access())
-    running.start()
-    try:
+    with served(session, feed.listen, Access()) as running:
         for header in ({}, {'Authorization': 'Bearer '}, {'Authorization': f'Bearer {TOKEN}'}):
             status, text, _ = asked(running, '/stop', 'POST', **header)
             assert (status, text) == (403, 'expected a page with a token, this one only shows\n')
-    finally:
-        running.close()
     assert feed.told == []
 
 
@@ -145,11 +139,9 @@ def test_an_error_of_the_listener_ends_the_server_and_is_kept(session, wait_for)
     def listen(_now):
         raise LiveError('expected to hear, got nothing')
 
-    running = LiveServer(session, listen, Access())
-    running.start()
-    wait_for(lambda: running.failure is not None)
+    with served(session, listen, Access()) as running:
+        wait_for(lambda: running.failure is not None)
     assert str(running.failure) == 'expected to hear, got nothing'
-    running.close()
 
 
 def stream_address(server):
@@ -190,13 +182,13 @@ def test_a_browser_gets_the_course_and_then_what_is_new(server, feed, wait_for):
 
 
 def test_another_page_gets_no_stream(server):
-    async def connect(**headers):
-        request = HTTPRequest(stream_address(server), headers=headers)
+    async def connect(origin):
+        request = HTTPRequest(stream_address(server), headers={'Origin': origin})
         await websocket_connect(request)
 
-    for headers in ({'Origin': 'http://evil.example'}, {'Origin': 'null'}):
+    for origin in ('http://evil.example', 'null'):
         with pytest.raises(Exception, match='403'):
-            asyncio.run(connect(**headers))
+            asyncio.run(connect(origin))
 
 
 def test_giant_messages_and_floods_end_the_connection(server):
@@ -274,10 +266,8 @@ def test_requests_that_are_none_end_and_harm_nobody(server, feed, request_bytes)
 
 
 def test_closing_ends_the_thread_and_frees_the_port(session, feed):
-    running = LiveServer(session, feed.listen, Access())
-    running.start()
-    raw = handshake(running)
-    running.close()
+    with served(session, feed.listen, Access()) as running:
+        raw = handshake(running)
     raw.close()
     assert 'live_page' not in {one.name for one in threading.enumerate()}
     again = LiveServer(session, feed.listen, Access(), port=running.port)

@@ -128,6 +128,23 @@ def test_equations_17_to_22_linear_least_squares_with_forgetting(forgetting):
     np.testing.assert_allclose(linear, expected, rtol=1e-6, atol=1e-7)
 
 
+def test_equation_19_has_the_last_error_inside_the_sum():
+    phi, force, linear = frozen_fit(0.99, 1000)
+    weight = 0.99 ** np.arange(999, -1, -1.0)
+    # Another set of parameters, which explains the last sample to the full.
+    other = linear + phi[-1] * (force[-1] - phi[-1] @ linear) / (phi[-1] @ phi[-1])
+
+    def printed(parameters):
+        return float(np.sum(weight) * (force[-1] - phi[-1] @ parameters) ** 2)
+
+    def mended(parameters):
+        return float(weight @ (force - phi @ parameters) ** 2)
+
+    # As printed, the past does not count, and anything that fits one sample is optimal.
+    assert printed(other) < 1e-6 * printed(linear)
+    assert mended(linear) < mended(other)
+
+
 def test_equations_20_to_23_elimination_of_the_linear_parameters():
     generator = np.random.default_rng(0)
     phi, psi = generator.standard_normal((50, 8)), generator.standard_normal((50, 3))

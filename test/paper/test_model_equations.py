@@ -4,7 +4,6 @@
 
 import cmath
 import math
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -13,7 +12,7 @@ from scipy.integrate import quad
 from scipy.linalg import expm
 from scipy.optimize import minimize_scalar
 
-from rpms_ros.identification import TABLE_4, DistortedSineBasis, ModifiedRecursiveLM
+from rpms_ros.identification import TABLE_4, DistortedSineBasis
 from rpms_ros.muscle import (
     Contraction,
     IntensityRecruitment,
@@ -22,13 +21,11 @@ from rpms_ros.muscle import (
     RecruitmentParameters,
     Subject,
     identified_recruitment,
-    simulation_subject,
     steady_mean,
     summed_twitches,
     twitch,
     twitch_area,
 )
-from rpms_ros.pulses import PulseTrain
 
 T_A = 38.44e-3
 T_S = 1e-3
@@ -154,41 +151,6 @@ def test_equation_9_has_beta_2_inside_the_bracket():
     # Three decimals, as stated; a relative recruitment runs from 0 to 1.
     np.testing.assert_allclose(0.738 * (bends + 0.539), [-0.141, 0.859], atol=6e-4)
     np.testing.assert_allclose(IntensityRecruitment()(ENDS), [0.0002, 0.9997], atol=5e-5)
-
-
-def run(samples):
-    """Return an estimator with fixed theta, its regressors and its force."""
-    train = PulseTrain.regular(np.random.default_rng(2).uniform(size=samples // 50), 20.0)
-    stamp_ns = 1_000_000 * np.arange(1, samples + 1, dtype=np.int64)
-    contraction = Contraction(simulation_subject(), fixed_rate_hz=20.0)
-    contraction.add_pulses(train.onset_ns, train.intensity)
-    force = contraction.force(stamp_ns)
-    # So much damping lets the nonlinear parameters stay where they are.
-    estimator = ModifiedRecursiveLM(replace(TABLE_4, damping=1e30))
-    estimator.add_pulses(train.onset_ns, train.intensity)
-    estimator.update(stamp_ns, force, np.ones(samples, dtype=bool))
-    rho = identified_recruitment(TABLE_4.start, train.intensity)
-    lag = (stamp_ns[:, None] - train.onset_ns) * 1e-9
-    values = DistortedSineBasis().evaluate(lag.ravel()).reshape(*lag.shape, 8)
-    return estimator, np.einsum('p,spf->sf', rho, values), force
-
-
-def test_equation_19_has_the_last_error_inside_the_sum():
-    estimator, phi, force = run(1000)
-    linear = estimator._state.linear
-    weight = 0.99 ** np.arange(999, -1, -1.0)
-    # Another set of parameters, which explains the last sample to the full.
-    other = linear + phi[-1] * (force[-1] - phi[-1] @ linear) / (phi[-1] @ phi[-1])
-
-    def printed(parameters):
-        return float(np.sum(weight) * (force[-1] - phi[-1] @ parameters) ** 2)
-
-    def mended(parameters):
-        return float(weight @ (force - phi @ parameters) ** 2)
-
-    # As printed, the past does not count, and anything that fits one sample is optimal.
-    assert printed(other) < 1e-6 * printed(linear)
-    assert mended(linear) < mended(other)
 
 
 def test_equation_27_inverts_the_old_hessian():
