@@ -178,7 +178,7 @@ def _watch(
             _show(launcher, subject, duration, elapsed)
     _show(launcher, subject, duration, time.monotonic() - started)
     status = launcher.monitor.status
-    if status is not None and status.fault_names:
+    if status.fault_names:
         faults = zip(status.fault_names, status.fault_counts, strict=True)
         print('  driver: ' + ', '.join(f'{name} {count}' for name, count in faults))
     if launcher.monitor.broken_off:
@@ -193,7 +193,7 @@ def _show(
 
     truth = of_truths(launcher.monitor.truths, subject)
     status, estimates = launcher.monitor.status, launcher.monitor.estimates
-    if status is None or not launcher.monitor.has_run or not estimates or truth is None:
+    if not launcher.monitor.has_run or not estimates or truth is None:
         line = f'{elapsed:5.1f} s  nodes are starting; the first time they compile for minutes'
     else:
         last, counts = estimates[-1], launcher.recorder.counts

@@ -66,13 +66,9 @@ def run_live(arguments: argparse.Namespace) -> int:
         token = token_of(arguments.token_file)
     if not 0 <= arguments.port <= 65535:
         raise LiveError(f'expected a port of 0 to 65535, got {arguments.port}')
-    parameters = {
-        'address': arguments.address,
-        'port': arguments.port,
-        'names': ['localhost', *arguments.allow_name],
-        'axis': arguments.axis,
-        'quantity': arguments.quantity,
-    }
+    names = ('address', 'port', 'axis', 'quantity')
+    parameters = {name: getattr(arguments, name) for name in names}
+    parameters['names'] = ['localhost', *arguments.allow_name]
     topics = {'force': arguments.force_topic, 'pulses': arguments.pulses_topic}
     tell = partial(print_address, arguments.address)
     return serve(arguments.namespace, token, parameters, topics, tell)

@@ -317,13 +317,12 @@ def _built(cls: type[T], content: object, place: str) -> T:
 def _check(hint: Any, value: object, place: str) -> None:
     """Raise a fault unless a value fits a field of type float, float or None, or str."""
     if hint is str:
-        if not isinstance(value, str):
-            raise _Fault(place, f'expected a text, got {shown(value)}')
-        return
-    if value is None and type(None) in typing.get_args(hint):
-        return
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise _Fault(place, f'expected a number, got {shown(value)}')
+        what, fits = 'text', isinstance(value, str)
+    else:
+        what, fits = 'number', isinstance(value, int | float) and not isinstance(value, bool)
+        fits = fits or (value is None and type(None) in typing.get_args(hint))
+    if not fits:
+        raise _Fault(place, f'expected a {what}, got {shown(value)}')
 
 
 def _mapping(

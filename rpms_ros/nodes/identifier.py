@@ -61,8 +61,8 @@ from rpms_ros.nodes.common.parameters import (
     declare_parameters,
     parameter,
 )
-from rpms_ros.nodes.common.qos import Ear, Taken, second_node
-from rpms_ros.nodes.common.runner import NodeOfParts, complete_or_gone, every, run
+from rpms_ros.nodes.common.qos import Ear, Taken
+from rpms_ros.nodes.common.runner import NodeOfParts, every, run
 from rpms_ros.nodes.common.topics import MESSAGE_TYPES
 from rpms_ros.pulses import ForceTrace, IntArray, PulseTrain
 
@@ -199,22 +199,16 @@ class Hearing:
         What the sensor measures, force or torque.
     """
 
-    def __init__(self, node: Node, axis: Axis, quantity: str) -> None:
+    def __init__(self, node: NodeOfParts, axis: Axis, quantity: str) -> None:
         self._axis, self._quantity = axis, quantity
         self.sensor_frame = ''
-        self._node = second_node(node)
-        with complete_or_gone(self._node):
-            self._pulses = Ear(node, self._node, PulseMessage, topics.PULSES, qos.PULSES)
-            self._force = Ear(node, self._node, WrenchStamped, topics.FORCE, qos.FORCE)
+        second = node.second_node()
+        self._pulses = Ear(node, second, PulseMessage, topics.PULSES, qos.PULSES)
+        self._force = Ear(node, second, WrenchStamped, topics.FORCE, qos.FORCE)
 
     def look(self) -> bool:
         """Look at the publishers; return whether the force is heard best effort from now on."""
         return self._force.look()
-
-    def begin_anew(self) -> None:
-        """Forget what has come."""
-        for ear in (self._force, self._pulses):
-            ear.taken()
 
     def heard(self) -> tuple[PulseTrain, ForceTrace, IntArray]:
         """Return what has come since the last look, and how many samples came before each pulse.
@@ -229,10 +223,6 @@ class Hearing:
             [messages.pulse_of(deserialize_message(one.data, PulseMessage)) for one in pulses]
         )
         return train, self._trace(forces), _places(forces, pulses)
-
-    def close(self) -> None:
-        """Destroy the second node."""
-        self._node.destroy_node()
 
     def _trace(self, forces: list[Taken]) -> ForceTrace:
         stamps: list[int] = []
@@ -364,7 +354,6 @@ class Identifier(NodeOfParts):
             self, 'identification', f'sensor of {self.resolve_topic_name(topics.FORCE)}'
         )
         self._hearing = Hearing(self, axis, quantity)
-        self._parts.callback(self._hearing.close)
         self._senders = Publishers(self)
         for name, act in {
             'reset': self._reset,
@@ -383,7 +372,8 @@ class Identifier(NodeOfParts):
     def _reset(self) -> str:
         """Forget everything and start again, as after a change of the electrode or the coil."""
         self.stream = build_stream(self.settings)
-        self._hearing.begin_anew()
+        # what has come is forgotten too
+        self._hearing.heard()
         self._senders = Publishers(self)
         self._reported = {}
         self._last = None

@@ -44,8 +44,8 @@ from rpms_ros.nodes.common import qos, topics
 from rpms_ros.nodes.common.diagnostics import PERIOD_S, logger_of
 from rpms_ros.nodes.common.operator import ButtonPublisher
 from rpms_ros.nodes.common.parameters import NodeParameters, declare_parameters, parameter
-from rpms_ros.nodes.common.qos import drained, second_node, taken_from
-from rpms_ros.nodes.common.runner import NodeOfParts, complete_or_gone, every, run
+from rpms_ros.nodes.common.qos import drained, taken_from
+from rpms_ros.nodes.common.runner import NodeOfParts, every, run
 
 _Data = TypeVar('_Data', bytes, list[bytes])
 
@@ -64,20 +64,12 @@ _SHORTEST = 12
 _ESTIMATE_PERIOD = 0.25
 
 
-def expected_topics(node: Node) -> dict[str, Topic]:
-    """Return the topics of a page, with the names that they have for `node`."""
-    return {
-        key: Topic(node.resolve_topic_name(name), topics.type_name_of(kind), silence)
-        for key, (name, kind, silence) in TYPES.items()
-    }
-
-
 class LiveListener:
     """Hands what has come to the session.
 
     Parameters
     ----------
-    node : Node
+    node : NodeOfParts
         The page's.
     session : LiveSession
         What is shown.
@@ -88,16 +80,14 @@ class LiveListener:
     """
 
     def __init__(
-        self, node: Node, session: LiveSession, axis: Axis, quantity: str = FORCE
+        self, node: NodeOfParts, session: LiveSession, axis: Axis, quantity: str = FORCE
     ) -> None:
-        self._session = session
-        self._axis, self._quantity = axis, quantity
-        self._node = second_node(node)
-        with complete_or_gone(self._node):
-            self._subscriptions = {
-                key: taken_from(self._node, kind, session.topics[key].name, qos.VIEW)
-                for key, (_, kind, _) in TYPES.items()
-            }
+        self._session, self._axis, self._quantity = session, axis, quantity
+        self._node = node.second_node()
+        self._subscriptions = {
+            key: taken_from(self._node, kind, session.topics[key].name, qos.VIEW)
+            for key, (_, kind, _) in TYPES.items()
+        }
         self._unread: list[bytes] = []
         self._next_estimate = -math.inf
 
@@ -125,10 +115,6 @@ class LiveListener:
             ]
             for key, topic in self._session.topics.items()
         }
-
-    def close(self) -> None:
-        """End the second node; `listen` must not be called any more."""
-        self._node.destroy_node()
 
     def _heard(self, key: str, now: float) -> list[bytes]:
         found = [taken.data for taken in drained(self._subscriptions[key])]
@@ -322,9 +308,13 @@ class LivePage(NodeOfParts):
         axis, token = unit_vector(settings.axis), self._token
         if settings.token_file and not token:
             token = token_of(Path(settings.token_file).expanduser())
+        heard = {
+            key: Topic(self.resolve_topic_name(name), topics.type_name_of(kind), silence)
+            for key, (name, kind, silence) in TYPES.items()
+        }
         self.session = LiveSession(
             self.get_namespace(),
-            expected_topics(self),
+            heard,
             bool(token),
             UNITS[settings.quantity],
             self.get_fully_qualified_name(),
@@ -332,7 +322,6 @@ class LivePage(NodeOfParts):
         )
         self.stop = LiveStop(self, self._stopped, self._tell) if token else None
         self.listener = LiveListener(self, self.session, axis, settings.quantity)
-        self._parts.callback(self.listener.close)
         access, place = Access(token, settings.names), (settings.address, settings.port)
         self.server = LiveServer(self.session, self.listener.listen, access, self.stop, *place)
         self._parts.callback(self.server.close)

@@ -93,7 +93,7 @@ class OperatorConsole(NodeOfParts):
         self.button = ButtonPublisher(self)
         self._configure = self.create_client(ChangeState, f'{self.settings.driver}/change_state')
         self._reset = self.create_client(Trigger, topics.RESET_EMERGENCY_STOP)
-        self._status: DriverStatus | None = None
+        self._state = -1
         self._pending: Future | None = None
         self._started = False
         self._shown = ''
@@ -182,12 +182,8 @@ class OperatorConsole(NodeOfParts):
     def _busy(self) -> bool:
         return self._pending is not None and not self._pending.done()
 
-    @property
-    def _state(self) -> int:
-        return -1 if self._status is None else int(self._status.state)
-
     def _on_status(self, message: DriverStatus) -> None:
-        self._status = message
+        self._state = int(message.state)
 
     def _on_joy(self, message: Joy) -> None:
         now_ns = time.monotonic_ns()

@@ -37,7 +37,7 @@ from rpms_ros.errors import NodeError, RecordingError
 from rpms_ros.nodes.common import qos, topics
 from rpms_ros.nodes.common.diagnostics import PERIOD_S, DiagnosticsPublisher, Health, logger_of
 from rpms_ros.nodes.common.parameters import NodeParameters, declare_parameters, parameter
-from rpms_ros.nodes.common.qos import Ear, second_node
+from rpms_ros.nodes.common.qos import Ear
 from rpms_ros.nodes.common.runner import NodeOfParts, every, run
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.recording import RecordingWriter
@@ -149,8 +149,7 @@ class Recorder(NodeOfParts):
 
     def _build(self) -> None:
         self.settings = declare_parameters(self, RecorderParameters)
-        self._node = second_node(self)
-        self._parts.callback(self._node.destroy_node)
+        second = self.second_node()
         # to the microsecond: of two recorders each has a name of its own
         now = datetime.now().astimezone().strftime('rpms_%Y%m%d_%H%M%S_%f')
         name = '_'.join(filter(None, [now, *self.get_namespace().split('/')]))
@@ -169,7 +168,7 @@ class Recorder(NodeOfParts):
         )
         for name in self.counts:
             kind, profile = _TOPICS[name]
-            self._topics[name] = _Topic(name, kind, Ear(self, self._node, kind, name, profile))
+            self._topics[name] = _Topic(name, kind, Ear(self, second, kind, name, profile))
         every(self, _LISTENING_PERIOD, self._take)
         every(self, FLUSH_PERIOD_S, self._flush)
         every(self, PERIOD_S, self._report)

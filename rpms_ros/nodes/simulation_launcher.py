@@ -47,7 +47,6 @@ RECORDING, SCHEDULE = 'recording', 'schedule.yaml'
 # Compilation for the first time takes most of it, minutes on a busy machine.
 STARTUP_LIMIT = 300.0
 _PATIENCE = 5.0
-_LOOK_PERIOD = 0.2
 # After several estimate periods without an estimate none is expected.
 _QUIET = 0.5
 
@@ -74,7 +73,7 @@ class Monitor(Node):
         super().__init__('monitor', **options)
         self.estimates: list[Estimate] = []
         self.truths: list[Truth] = []
-        self.status: DriverStatus | None = None
+        self.status = DriverStatus()
         self.has_run = False
         self.create_subscription(MuscleEstimate, topics.ESTIMATE, self._on_estimate, qos.ESTIMATE)
         self.create_subscription(MuscleTruth, topics.TRUTH, self._on_truth, qos.TRUTH)
@@ -83,14 +82,13 @@ class Monitor(Node):
     @property
     def done(self) -> bool:
         """Whether the driver has finished its schedule."""
-        status = self.status
-        return self.has_run and status is not None and status.state != DriverStatus.RUNNING
+        return self.has_run and self.status.state != DriverStatus.RUNNING
 
     @property
     def broken_off(self) -> str:
         """Why the driver has stopped, empty if it has not."""
-        stopped = (DriverStatus.STOPPED, DriverStatus.FAULT)
-        return self.status.reason if self.status and self.status.state in stopped else ''
+        stopped = self.status.state in (DriverStatus.STOPPED, DriverStatus.FAULT)
+        return str(self.status.reason) if stopped else ''
 
     def _on_estimate(self, message: MuscleEstimate) -> None:
         self.estimates.append(estimate_messages.estimate_of(message))
@@ -134,7 +132,6 @@ class SimulationLauncher:
         self._parameters = _parameters(parameters, folder)
         self._cleanup = contextlib.ExitStack()
         self.processes: dict[str, subprocess.Popen[bytes]] = {}
-        self._next_look = 0.0
 
     def __enter__(self) -> 'SimulationLauncher':
         try:
@@ -221,18 +218,11 @@ class SimulationLauncher:
         while (left := end - time.monotonic()) > 0:
             self._executor.spin_once(timeout_sec=min(left, 0.05))
             self._stop_request.raise_if_made()
-            self._expect_running()
-
-    def _expect_running(self) -> None:
-        now = time.monotonic()
-        if now < self._next_look:
-            return
-        self._next_look = now + _LOOK_PERIOD
-        for name, process in self.processes.items():
-            if process.poll() is not None:
-                said = (self.folder / f'{name}.txt').read_text().strip().splitlines()
-                ended = f'exit code {process.returncode}: {said[-1] if said else "nothing"}'
-                raise NodeError(f'expected {name} to run, got {ended}')
+            for name, process in self.processes.items():
+                if process.poll() is not None:
+                    said = (self.folder / f'{name}.txt').read_text().strip().splitlines()
+                    ended = f'exit code {process.returncode}: {said[-1] if said else "nothing"}'
+                    raise NodeError(f'expected {name} to run, got {ended}')
 
     def stop(self) -> None:
         """End driver and plant, wait for the last estimates, then close the recording."""

@@ -30,6 +30,7 @@ from rpms_ros import __version__
 from rpms_ros.errors import NodeError, RpmsError
 from rpms_ros.nodes.common.diagnostics import logger_of
 from rpms_ros.nodes.common.parameters import NodeParameters, descriptions
+from rpms_ros.nodes.common.qos import second_node
 from rpms_ros.report.text import labelled
 
 SUSPENDING = (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
@@ -345,6 +346,12 @@ class NodeOfParts(Node):
     def _build(self) -> None:
         """Make the parts of the node."""
         raise NotImplementedError
+
+    def second_node(self) -> Node:
+        """Return a node for subscriptions that no executor serves; it ends with this one."""
+        node = second_node(self)
+        self._parts.callback(node.destroy_node)
+        return node
 
     def destroy_node(self) -> None:
         """End the parts, then destroy the node."""
