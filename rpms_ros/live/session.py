@@ -43,15 +43,13 @@ STOPPED = 'stopped'
 _SHOWN: Mapping[Callable[[Any], object], tuple[str, ...]] = {
     text: ('reason', 'schedule', 'device', 'operator_id'),
     bool: ('enabled',),
-    int: (
-        *('pulses_delivered', 'pulses_dropped', 'pulses_unverified'),
-        *('segments', 'dose_pulses'),
-    ),
+    int: ('pulses_delivered', 'pulses_dropped', 'pulses_unverified', 'segments', 'dose_pulses'),
     number: (
-        *('time_left', 'lateness_max', 'maximum_intensity'),
-        *('coil_energy', 'coil_temperature', 'dose_energy'),
+        'time_left', 'lateness_max', 'maximum_intensity', 'coil_energy', 'coil_temperature',
+        'dose_energy',
     ),
-}
+}  # fmt: skip
+_NUMBERS = ('output_error', 'confidence', 'disturbance', 'disturbance_deviation')
 
 
 def driver_view(message: Any) -> dict[str, Any]:
@@ -70,8 +68,10 @@ def _word(words: tuple[str, ...], value: int) -> str:
     return words[value] if 0 <= value < len(words) else f'state {int(value)}'
 
 
-def _pairs(names: Any, values: list[Any]) -> list[list[Any]]:
-    return [[text(name), value] for name, value in zip(names, values, strict=False)][:MOST_NAMES]
+def _pairs(names: Any, values: list[Any], newest: bool = False) -> list[list[Any]]:
+    """Return the first pairs of names and values, or the newest."""
+    pairs = [[text(name), value] for name, value in zip(names, values, strict=False)]
+    return pairs[-MOST_NAMES:] if newest else pairs[:MOST_NAMES]
 
 
 class Course:
@@ -159,8 +159,7 @@ def estimate_view(estimate: Estimate, origin_ns: int) -> dict[str, Any]:
         'stamp': number(stamp),
         'samples': estimate.samples,
         'pulses': estimate.pulses,
-        'output_error': number(estimate.output_error),
-        'confidence': number(estimate.confidence),
+        **{name: number(getattr(estimate, name)) for name in _NUMBERS},
         'rate': number(estimate.repetition_rate),
         'curve': _curve(estimate, 'curve', 'intensity'),
         'response': _curve(estimate, 'response', 'time'),
@@ -168,16 +167,8 @@ def estimate_view(estimate: Estimate, origin_ns: int) -> dict[str, Any]:
         'physiology': _bounded(estimate, 'physiology', PARAMETERS, unit),
         'rates': _bounded(estimate, 'rate', RATES, unit),
         'changes': estimate.changes,
-        'marks': [
-            [text(kind), number(stamp - ago)]
-            for kind, ago in zip(estimate.change_kinds, estimate.change_ago, strict=False)
-        ][-MOST_NAMES:],
-        'disturbance': number(estimate.disturbance),
-        'disturbance_deviation': number(estimate.disturbance_deviation),
-        'doubts': [
-            [text(name), meaning]
-            for name, meaning in zip(estimate.doubts[:MOST_NAMES], meanings, strict=True)
-        ],
+        'marks': _pairs(estimate.change_kinds, numbers(stamp - estimate.change_ago), newest=True),
+        'doubts': _pairs(estimate.doubts, meanings),
         # some are the meaning of a doubt, which is shown with its name
         'reasons': texts(one for one in estimate.reasons if _plain(one) not in meanings),
         'faults': [
@@ -189,8 +180,8 @@ def estimate_view(estimate: Estimate, origin_ns: int) -> dict[str, Any]:
 
 def _curve(estimate: Estimate, name: str, along: str) -> dict[str, Any] | None:
     """Return a line of an estimate with its band, None in place of what does not fit to it."""
-    parts = {'along': along, 'force': 'force', 'lower': 'lower', 'upper': 'upper'}
-    lines = {part: getattr(estimate, f'{name}_{field}') for part, field in parts.items()}
+    lines = {part: getattr(estimate, f'{name}_{part}') for part in ('force', 'lower', 'upper')}
+    lines['along'] = getattr(estimate, f'{name}_{along}')
     count = len(lines['along'])
     if not count or len(lines['force']) != count:
         return None
@@ -436,22 +427,21 @@ class LiveSession:
     def _head(self, now: float) -> dict[str, Any]:
         """Return what stands above everything else."""
         force, estimate, driver = (self.topics[name] for name in (FORCE, ESTIMATE, DRIVER))
-        old = self._estimate is not None and (
-            bool(estimate.refused) or estimate.state(now) == SILENT
-        )
+        lost = bool(estimate.refused) or estimate.state(now) == SILENT
+        old = self._estimate is not None and lost
         alarms = []
         if old:
             why = 'cannot be read' if estimate.refused else f'silent for {estimate.age(now):.0f} s'
             alarms.append(f'identifier {why}: curve, parameters and doubts are old')
         if force.state(now) == SILENT:
             alarms.append(f'no force for {force.age(now):.0f} s: look at the sensor')
-        lost = driver.state(now) == SILENT or bool(driver.refused)
+        unheard = driver.state(now) == SILENT or bool(driver.refused)
         return {
             'title': self.title,
             'alarms': alarms,
             'old': old,
             'waiting': self._waiting(now) if self._estimate is None else '',
-            'next': _UNHEARD if lost else _NEXT.get(self.state, ''),
+            'next': _UNHEARD if unheard else _NEXT.get(self.state, ''),
         }
 
     def _waiting(self, now: float) -> str:

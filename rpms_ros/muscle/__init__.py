@@ -4,7 +4,6 @@
 
 from rpms_ros.muscle.contraction import Contraction
 from rpms_ros.muscle.recruitment import (
-    PARAMETER_NAMES,
     IntensityRecruitment,
     RateRecruitment,
     RecruitmentField,
@@ -25,7 +24,6 @@ from rpms_ros.muscle.subject import (
 from rpms_ros.muscle.twitch import steady_mean, summed_twitches, twitch, twitch_area
 
 __all__ = [
-    'PARAMETER_NAMES',
     'SUBJECTS',
     'Contraction',
     'Disturbances',
