@@ -41,8 +41,8 @@ class Launched:
         self.nodes = {node.options['name']: node.options for node in started.function(context)}
         self._folder = folder
 
-    def arguments_of(self, name):
-        """Return the command line that launch gives a node."""
+    def builder(self, name):
+        """Return what builds a node as its process would, from the command line it is given."""
         options = self.nodes[name]
         line = ['--ros-args', '-r', f'__node:={name}']
         if options['namespace']:
@@ -55,15 +55,15 @@ class Launched:
             line += ['--params-file', path]
         for old, new in options.get('remappings', []):
             line += ['-r', f'{old}:={new}']
-        return line
+        return lambda **options: KINDS[name](cli_args=line, **options)
 
     def add_to(self, graph):
-        """Build every node as its process would, on the graph of a test."""
-        return {name: graph.add(self._builder(name)) for name in self.nodes}
+        """Build every node, on the graph of a test."""
+        return {name: graph.add(self.builder(name)) for name in self.nodes}
 
-    def _builder(self, name):
-        line = self.arguments_of(name)
-        return lambda **options: KINDS[name](cli_args=line, **options)
+    def chosen(self, name):
+        """Return the parameters of a node that the arguments choose."""
+        return self.nodes[name]['parameters'][-1]
 
 
 @pytest.fixture
@@ -164,22 +164,14 @@ def test_the_simulation_is_shown_on_a_page_that_nobody_waits_for(graph, load, tm
     own = tmp_path / 'own.yaml'
     own.write_text('/**/live_page: {ros__parameters: {port: 0}}')
     launched = load('simulation', live='true', quantity='torque', parameters=str(own))
-    assert launched.nodes['plant_simulator']['parameters'][-1]['minimum_subscribers'] == 1
-    assert launched.nodes['stimulator_driver']['parameters'][-1]['minimum_subscribers'] == 2
-    page = graph.add(launched._builder('live_page'))
+    assert launched.chosen('plant_simulator')['minimum_subscribers'] == 1
+    assert launched.chosen('stimulator_driver')['minimum_subscribers'] == 2
+    page = graph.add(launched.builder('live_page'))
     assert page.session.unit == 'N m'
 
 
 def test_without_a_schedule_the_driver_waits_for_a_goal(load):
-    (driver,) = (n for name, n in load('simulation').nodes.items() if name == 'stimulator_driver')
-    assert driver['parameters'][1] == {'minimum_subscribers': 2}
-    (driver,) = (
-        n
-        for name, n in load('simulation', schedule='slow.yaml').nodes.items()
-        if name == 'stimulator_driver'
-    )
-    assert driver['parameters'][1] == {
-        'autostart': True,
-        'schedule_file': 'slow.yaml',
-        'minimum_subscribers': 2,
-    }
+    heard = {'minimum_subscribers': 2}
+    assert load('simulation').chosen('stimulator_driver') == heard
+    slow = {'autostart': True, 'schedule_file': 'slow.yaml', **heard}
+    assert load('simulation', schedule='slow.yaml').chosen('stimulator_driver') == slow

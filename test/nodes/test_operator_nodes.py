@@ -11,7 +11,6 @@ from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool
 
 from rpms_msgs.msg import DriverStatus, OperatorHeartbeat, Pulse
-from rpms_ros.errors import RpmsError
 from rpms_ros.nodes import operator_console
 from rpms_ros.nodes.common import operator, qos, topics
 from rpms_ros.nodes.common.operator import ButtonPublisher, Keyboard
@@ -179,21 +178,6 @@ def test_the_console_arms_runs_and_disarms(graph, terminal, tmp_path):
         before = len(statuses)
         graph.wait_for(lambda: len(statuses) > before)  # noqa: B023
     assert statuses[-1].state == DriverStatus.DISARMED
-
-
-@pytest.mark.parametrize(
-    ('parameters', 'reason'),
-    [
-        ({}, 'expected the name of the operator, got none'),
-        (
-            {'operator': 'ada', 'schedule_file': '/nowhere.yaml'},
-            'expected a readable schedule file, got /nowhere.yaml',
-        ),
-    ],
-)
-def test_a_console_that_cannot_work_is_refused(graph, terminal, parameters, reason):
-    with pytest.raises(RpmsError, match=reason):
-        graph.add(lambda **options: OperatorConsole(terminal[1], **options), **parameters)
 
 
 def test_what_is_lost_is_said_by_button_and_console(graph, terminal, capfd):

@@ -239,13 +239,19 @@ def test_a_text_that_ros_reads_as_something_else_is_to_be_quoted(context, word):
     [
         (Identifier, {'estimator': 'guess'}, 'estimator'),
         (PlantSimulator, {'rate': -1.0}, 'rate'),
-        (Recorder, {'topics': ['tape']}, 'topics'),
+        (PlantSimulator, {'scenario': 'x'}, 'expected a scenario of bad-sensor, .* got .x.'),
+        (Recorder, {'topics': ['force', 'note']}, "topics: expected .* pulses, .*, got 'note'"),
         (Recorder, {'path': '/proc/no/such'}, 'expected'),
         (LivePage, {'address': 'no such address'}, 'address'),
         (StimulatorDriver, {'maximum_intensity': 2.0}, 'maximum_intensity'),
         (StimulatorDriver, {'audit_log': '/proc/no/such'}, 'expected'),
         (StopButton, {'keyboard': False}, 'expected a keyboard or a joy_button'),
-        (OperatorConsole, {'operator': ''}, 'expected the name of the operator'),
+        (OperatorConsole, {'operator': ''}, 'expected the name of the operator, got none'),
+        (
+            OperatorConsole,
+            {'operator': 'ada', 'schedule_file': '/nowhere.yaml'},
+            'expected a readable schedule file, got /nowhere.yaml',
+        ),
     ],
 )
 def test_a_node_that_is_refused_is_not_on_the_graph(

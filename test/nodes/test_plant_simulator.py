@@ -10,7 +10,6 @@ from geometry_msgs.msg import WrenchStamped
 
 from rpms_msgs.msg import MuscleTruth, Pulse as PulseMessage
 from rpms_ros import estimate_messages, messages
-from rpms_ros.errors import NodeError
 from rpms_ros.muscle import Contraction, average_subject
 from rpms_ros.nodes.common import qos
 from rpms_ros.nodes.common.topics import MESSAGE_TYPES
@@ -117,11 +116,6 @@ def test_the_truth_of_a_scenario_is_published(graph, tmp_path):
     assert after.curve_force[-1] < 5.0
     laboratory.wait_until(after.stamp_ns)
     assert after.stamp_ns in laboratory.stamps
-
-
-def test_a_scenario_that_cannot_be_read_is_refused(graph):
-    with pytest.raises(NodeError, match=r'expected a scenario of bad-sensor, .* got .nowhere.'):
-        graph.add(PlantSimulator, scenario='nowhere')
 
 
 def test_a_simulated_sensor_has_the_noise_of_an_ordinary_one_at_rest_too(graph):
