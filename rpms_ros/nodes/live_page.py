@@ -187,7 +187,6 @@ class LiveStop:
         self._lock = threading.Lock()
         self._wanted = self._confirmed = False
         self._pressed_at = self._held_until = self._next_call = self._leaves_at = 0.0
-        self._told = ''
         self._button: ButtonPublisher | None = None
         self._client = node.create_client(Trigger, topics.EMERGENCY_STOP)
         every(node, _LOOK_S, self._look)
@@ -231,7 +230,7 @@ class LiveStop:
             said = 'stopped: the driver confirms it; let go here, then reset at the driver'
         elif now > self._pressed_at + _CONFIRMATION_S:
             said = UNCONFIRMED
-        self._say(True, said)
+        self._tell(True, said)
         self._leaves_at = now + _FAREWELL_S
 
     def _leave(self, now: float) -> None:
@@ -247,12 +246,7 @@ class LiveStop:
             self._button = None
             said = '' if self._confirmed else said
             logger_of(self._node).info('stop of the page released')
-        self._say(False, said)
-
-    def _say(self, pressed: bool, text: str) -> None:
-        if text != self._told:
-            self._told = text
-            self._tell(pressed, text)
+        self._tell(False, said)
 
 
 PORT = 8765

@@ -59,7 +59,7 @@ class Keyboard:
 
     def close(self) -> None:
         """Restore the settings of the terminal."""
-        if self._before is not None:
+        if self._before:
             with contextlib.suppress(termios.error):
                 termios.tcsetattr(self._descriptor, termios.TCSADRAIN, self._before)
             self._before = None
@@ -120,14 +120,14 @@ class OperatorClient:
         future: Future = self._confirm.call_async(request)
         return future
 
-    def start(self, schedule: Schedule, **callbacks: Any) -> Future:
+    def start(self, schedule: Schedule) -> Future:
         """Send a schedule as this operator."""
         goal = RunSchedule.Goal(
             typed_schedule=schedule_message(schedule, MESSAGE_TYPES),
             operator_id=self.operator,
             token=self.token,
         )
-        future: Future = self.goals.send_goal_async(goal, **callbacks)
+        future: Future = self.goals.send_goal_async(goal)
         return future
 
     def beat(self) -> None:
