@@ -143,12 +143,11 @@ def estimate_of(message: Any) -> Estimate:
 
 def _require_lengths(message: Any) -> None:
     """Raise MessageError unless each array is as long as the one that names its elements."""
-    covariance = 'nonlinear_covariance'
-    lengths = [(covariance, len(message.nonlinear_covariance), len(message.nonlinear_names) ** 2)]
-    for name, other in (_EXACT | _OR_EMPTY).items():
+    covariance = {'nonlinear_covariance': 'nonlinear_names'}
+    for name, other in (covariance | _EXACT | _OR_EMPTY).items():
         # one that is younger than the recording is not there
-        lengths.append((name, len(getattr(message, name, ())), len(getattr(message, other, ()))))
-    for name, got, length in lengths:
+        got, length = (len(getattr(message, one, ())) for one in (name, other))
+        length **= 2 if name in covariance else 1
         if got != length and not (got == 0 and name not in _EXACT):
             raise MessageError(f'expected {length} elements in {name}, got {got}')
 

@@ -15,7 +15,6 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -339,9 +338,7 @@ class Identifier(NodeOfParts):
         self.stream = build_stream(self.settings)
         axis, quantity = unit_vector(self.settings.axis), self.settings.quantity
         self._unit = UNITS[quantity]
-        self._wrench = partial(
-            messages.force_message, axis=axis, types=MESSAGE_TYPES, quantity=quantity
-        )
+        self._axis = axis
         self._reported: dict[str, int] = {}
         self._doubted = ''
         self._heard = time.monotonic()
@@ -421,8 +418,9 @@ class Identifier(NodeOfParts):
             self._estimate.publish(message)
             if estimate.disturbance_deviation > 0.0:
                 stamp_ns, value = estimate.stamp_ns, estimate.disturbance
-                frame_id = self._hearing.sensor_frame
-                self._disturbance.publish(self._wrench(stamp_ns, value, frame_id=frame_id))
+                frame_id, quantity = self._hearing.sensor_frame, self.settings.quantity
+                sensor = self._axis, MESSAGE_TYPES, frame_id, quantity
+                self._disturbance.publish(messages.force_message(stamp_ns, value, *sensor))
 
     def _say_doubts(self) -> None:
         """Log when the estimate begins or ceases to be one that is not to be trusted."""
@@ -436,11 +434,10 @@ class Identifier(NodeOfParts):
 
     def _report(self) -> None:
         self._senders.look()
+        topic = self.resolve_topic_name(topics.FORCE)
         if self._hearing.look():
-            logger_of(self).warning(
-                f'{self.resolve_topic_name(topics.FORCE)} is published best effort: it is heard, '
-                'and samples may be lost'
-            )
+            said = f'{topic} is published best effort: it is heard, and samples may be lost'
+            logger_of(self).warning(said)
         faults = {**self.stream.fault_counts, **self._senders.fault_counts}
         for name, count in faults.items():
             if count != self._reported.get(name):
@@ -449,15 +446,11 @@ class Identifier(NodeOfParts):
         self._say_doubts()
         silence = time.monotonic() - self._heard
         if silence > _SILENCE:
-            topic = self.resolve_topic_name(topics.FORCE)
             publishers = self.count_publishers(topic)
-            logger_of(self).warning(
-                f'no force on {topic} for {silence:.0f} s ({publishers} publishers)',
-                throttle_duration_sec=_SILENCE,
-            )
-        self._diagnostics.publish(
-            identifier_health(self._last, faults, silence > _SILENCE, self.stream.held)
-        )
+            said = f'no force on {topic} for {silence:.0f} s ({publishers} publishers)'
+            logger_of(self).warning(said, throttle_duration_sec=_SILENCE)
+        health = identifier_health(self._last, faults, silence > _SILENCE, self.stream.held)
+        self._diagnostics.publish(health)
 
 
 def main() -> int:

@@ -8,7 +8,6 @@ tick delays samples but does not lose them or change their stamps.
 """
 
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
@@ -119,14 +118,8 @@ class PlantSimulator(NodeOfParts):
         _warm_up(self.settings)
         self.plant = build_plant(self.settings)
         self._begun = False
-        axis, quantity = messages.AXES[self.settings.axis], self.settings.quantity
-        self._wrench = partial(
-            messages.force_message,
-            axis=axis,
-            types=MESSAGE_TYPES,
-            frame_id=_FRAME,
-            quantity=quantity,
-        )
+        quantity = self.settings.quantity
+        self._sensor = messages.AXES[self.settings.axis], MESSAGE_TYPES, _FRAME, quantity
         self._force = self.create_publisher(WrenchStamped, topics.FORCE, qos.FORCE)
         self._truth = self.create_publisher(MuscleTruth, topics.TRUTH, qos.TRUTH)
         self._next_truth_ns = 0
@@ -158,7 +151,7 @@ class PlantSimulator(NodeOfParts):
     def _publish_due(self, until_ns: int) -> None:
         trace = self.plant.sample(min(self.plant.due(until_ns), _LARGEST_BURST))
         for stamp_ns, force in zip(trace.stamp_ns.tolist(), trace.force.tolist(), strict=True):
-            self._force.publish(self._wrench(stamp_ns, force))
+            self._force.publish(messages.force_message(stamp_ns, force, *self._sensor))
         newest_ns = self.plant.newest_ns
         if newest_ns >= self._next_truth_ns:
             self._next_truth_ns = newest_ns + _TRUTH_PERIOD_NS

@@ -224,10 +224,8 @@ class Recorder(NodeOfParts):
             return
         for topic in self._topics.values():
             if topic.ear.look():
-                logger_of(self).warning(
-                    f'{topic.ear.name} is published best effort: it is recorded, and messages may '
-                    'be lost'
-                )
+                how = 'published best effort: it is recorded, and messages may be lost'
+                logger_of(self).warning(f'{topic.ear.name} is {how}')
         before, self._told = self._told, self.lost
         for name, count in self._told.items():
             if count != before.get(name):
