@@ -86,8 +86,12 @@ class Access:
 
         An address is what it says it is; a name could have been made to point here.
         """
-        name = _name_of(host)
-        if name is None:
+        try:
+            parts = urlsplit(f'//{host}')
+            name, _ = parts.hostname, parts.port
+        except ValueError:
+            return False
+        if name is None or parts.netloc != host or '@' in host or parts.path:
             return False
         try:
             ipaddress.ip_address(name)
@@ -112,17 +116,6 @@ class Access:
             return False
         given = authorization.removeprefix(_SCHEME).encode('utf-8', 'surrogateescape')
         return hmac.compare_digest(given, self.token.encode())
-
-
-def _name_of(host: str) -> str | None:
-    """Return the name or address in ``name:port``, None if it is neither."""
-    try:
-        parts = urlsplit(f'//{host}')
-        _ = parts.port
-    except ValueError:
-        return None
-    whole = parts.netloc == host and '@' not in host and not parts.path
-    return parts.hostname if whole else None
 
 
 def new_token() -> str:
