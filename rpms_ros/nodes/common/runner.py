@@ -9,7 +9,7 @@ import socket
 import sys
 import threading
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
-from collections.abc import Callable, Iterator, MutableMapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from types import FrameType
@@ -74,8 +74,6 @@ class StopRequest:
         self.made = False
         self._spinning = False
         self._before: dict[int, Callable[[int, FrameType | None], Any] | int | None] = {}
-        self._thread: threading.Thread | None = None
-        self._written = -1
         self._take_over(ENDING)
 
     def heed_between_callbacks(self) -> None:
@@ -89,9 +87,9 @@ class StopRequest:
         thread does not.  Signals that would suspend the process end it from now on.
         """
         self._take_over(SUSPENDING)
-        read, self._written = os.pipe()
-        os.set_blocking(self._written, False)
-        signal.set_wakeup_fd(self._written, warn_on_full_buffer=False)
+        read, written = os.pipe()
+        os.set_blocking(written, False)
+        signal.set_wakeup_fd(written, warn_on_full_buffer=False)
 
         def wait() -> None:
             with os.fdopen(read, 'rb', buffering=0) as pipe:
@@ -99,8 +97,7 @@ class StopRequest:
                     if number[0] in self._before:
                         callback(f'signal {name_of(number[0])}')
 
-        self._thread = threading.Thread(target=wait, name='signals', daemon=True)
-        self._thread.start()
+        threading.Thread(target=wait, name='signals', daemon=True).start()
 
     def raise_if_made(self) -> None:
         """Raise KeyboardInterrupt if a signal has come."""
@@ -109,12 +106,6 @@ class StopRequest:
 
     def restore(self) -> None:
         """Restore the earlier handlers."""
-        if self._thread is not None:
-            signal.set_wakeup_fd(-1)
-            with suppress(OSError):
-                os.close(self._written)
-            self._thread.join()
-            self._thread = None
         for number, handler in self._before.items():
             # one that was not set by Python cannot be restored by it
             signal.signal(number, signal.SIG_DFL if handler is None else handler)
@@ -141,16 +132,15 @@ _PARTICIPANTS = 8
 _MARK = 5
 
 
-def use_fast_discovery(environment: MutableMapping[str, str] = os.environ) -> None:
+def use_fast_discovery() -> None:
     """Make participants of this process find others quickly, unless the user chose a profile."""
-    if not any(name in environment for name in _PROFILE_VARIABLES):
-        for name in _PROFILE_VARIABLES:
-            environment[name] = str(PROFILE)
+    if not any(name in os.environ for name in _PROFILE_VARIABLES):
+        os.environ.update(dict.fromkeys(_PROFILE_VARIABLES, str(PROFILE)))
 
 
-def stay_on_this_machine(environment: MutableMapping[str, str] = os.environ) -> None:
+def stay_on_this_machine() -> None:
     """Make participants of this process find those of this machine only, unless told otherwise."""
-    environment.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 
 
 @contextmanager
