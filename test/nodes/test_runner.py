@@ -118,17 +118,11 @@ def test_a_file_that_has_nothing_for_the_node_is_said(domain, tmp_path):
     assert 'expected files with parameters for /other, got none for it' in errors
 
 
-@pytest.mark.parametrize(
-    ('yaml', 'message'),
-    [
-        ('rate: 20', 'error: parameter rate: expected double, got integer 20 (write 20.0)\n'),
-        ('rate: 0.5', 'error: parameter rate: expected [Hz] 1.0 to 50.0, got 0.5\n'),
-    ],
-)
-def test_a_bad_parameter_is_one_line_and_exit_code_two(domain, tmp_path, yaml, message):
+def test_a_bad_parameter_is_one_line_and_exit_code_two(domain, tmp_path):
     file = tmp_path / 'example.yaml'
-    file.write_text(f'example:\n  ros__parameters:\n    {yaml}\n')
+    file.write_text('example:\n  ros__parameters:\n    rate: 20\n')
     done = ended(domain, NODE, '--ros-args', '--params-file', str(file))
+    message = 'error: parameter rate: expected double, got integer 20 (write 20.0)\n'
     assert (done.returncode, done.stderr) == (2, message)
 
 
