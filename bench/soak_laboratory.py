@@ -225,7 +225,7 @@ def damaged(data):
 
 def subscriptions_of(node):
     """Subscriptions of a node, and of the one that hears for it, if there is one."""
-    hearing = getattr(getattr(node, '_hearing', None), '_node', None)
+    hearing = getattr(node, '_hearing', None)
     return [*node.subscriptions, *(hearing.subscriptions if hearing else ())]
 
 

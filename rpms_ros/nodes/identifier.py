@@ -28,7 +28,7 @@ from std_srvs.srv import Trigger
 
 from rpms_msgs.msg import MuscleEstimate, Pulse as PulseMessage
 from rpms_ros import estimate_messages, messages
-from rpms_ros.axis import FORCE, UNITS, Axis, unit_vector
+from rpms_ros.axis import FORCE, UNITS, unit_vector
 from rpms_ros.errors import AxisError, IdentificationError, NodeError, RpmsError
 from rpms_ros.identification import (
     DEFAULT_RATE,
@@ -185,56 +185,6 @@ def build_stream(settings: IdentifierParameters) -> IdentificationStream:
     return IdentificationStream(build_estimator(settings), stream_settings(settings))
 
 
-class Hearing:
-    """Subscriptions to force and pulses.
-
-    Parameters
-    ----------
-    node : Node
-        The identifier.
-    axis : Axis
-        Along which the muscle pulls.
-    quantity : str
-        What the sensor measures, force or torque.
-    """
-
-    def __init__(self, node: NodeOfParts, axis: Axis, quantity: str) -> None:
-        self._axis, self._quantity = axis, quantity
-        self.sensor_frame = ''
-        second = node.second_node()
-        self._pulses = Ear(node, second, PulseMessage, topics.PULSES, qos.PULSES)
-        self._force = Ear(node, second, WrenchStamped, topics.FORCE, qos.FORCE)
-
-    def look(self) -> bool:
-        """Look at the publishers; return whether the force is heard best effort from now on."""
-        return self._force.look()
-
-    def heard(self) -> tuple[PulseTrain, ForceTrace, IntArray]:
-        """Return what has come since the last look, and how many samples came before each pulse.
-
-        A reliable force comes twice where best effort is subscribed to as well; it is taken from
-        there only if all of its publishers are best effort.
-        """
-        # Pulses last: none is handed over later than a sample that came after it.
-        forces = self._force.taken()
-        pulses = self._pulses.taken()
-        train = PulseTrain.of(
-            [messages.pulse_of(deserialize_message(one.data, PulseMessage)) for one in pulses]
-        )
-        return train, self._trace(forces), _places(forces, pulses)
-
-    def _trace(self, forces: list[Taken]) -> ForceTrace:
-        stamps: list[int] = []
-        values: list[float] = []
-        for taken in forces:
-            message = deserialize_message(taken.data, WrenchStamped)
-            stamp_ns, force = messages.force_of(message, self._axis, self._quantity)
-            self.sensor_frame = message.header.frame_id
-            stamps.append(stamp_ns)
-            values.append(force)
-        return ForceTrace(np.array(stamps, dtype=np.int64), np.array(values, dtype=np.float64))
-
-
 def _places(forces: list[Taken], others: list[Taken]) -> IntArray:
     """Return how many samples came before each of other messages (messages,), ascending."""
     forces_ns, others_ns = (
@@ -336,9 +286,8 @@ class Identifier(NodeOfParts):
             lambda: logger_of(self).info('compiling, once on a machine: one to three minutes'),
         )
         self.stream = build_stream(self.settings)
-        axis, quantity = unit_vector(self.settings.axis), self.settings.quantity
+        self._axis, quantity = unit_vector(self.settings.axis), self.settings.quantity
         self._unit = UNITS[quantity]
-        self._axis = axis
         self._reported: dict[str, int] = {}
         self._doubted = ''
         self._heard = time.monotonic()
@@ -350,7 +299,10 @@ class Identifier(NodeOfParts):
         self._diagnostics = DiagnosticsPublisher(
             self, 'identification', f'sensor of {self.resolve_topic_name(topics.FORCE)}'
         )
-        self._hearing = Hearing(self, axis, quantity)
+        self._hearing = self.second_node()
+        self._pulses = Ear(self, self._hearing, PulseMessage, topics.PULSES, qos.PULSES)
+        self._force = Ear(self, self._hearing, WrenchStamped, topics.FORCE, qos.FORCE)
+        self._sensor_frame = ''
         self._senders = Publishers(self)
         for name, act in {
             'reset': self._reset,
@@ -369,8 +321,8 @@ class Identifier(NodeOfParts):
     def _reset(self) -> str:
         """Forget everything and start again, as after a change of the electrode or the coil."""
         self.stream = build_stream(self.settings)
-        # what has come is forgotten too
-        self._hearing.heard()
+        for ear in (self._force, self._pulses):
+            ear.taken()
         self._senders = Publishers(self)
         self._reported = {}
         self._last = None
@@ -402,12 +354,32 @@ class Identifier(NodeOfParts):
         return answer
 
     def _take(self) -> None:
-        """Pass what has come to the stream."""
-        pulses, forces, before = self._hearing.heard()
-        if len(forces):
+        """Pass what has come to the stream.
+
+        A reliable force comes twice where best effort is subscribed to as well; it is taken from
+        there only if all of its publishers are best effort.
+        """
+        # Pulses last: none is handed over later than a sample that came after it.
+        forces = self._force.taken()
+        pulses = self._pulses.taken()
+        if forces:
             self._heard = time.monotonic()
+        train = PulseTrain.of(
+            [messages.pulse_of(deserialize_message(one.data, PulseMessage)) for one in pulses]
+        )
         # In the order of arrival, as a recorder writes them and a replay reads them.
-        self.stream.add(pulses, forces, before)
+        self.stream.add(train, self._trace(forces), _places(forces, pulses))
+
+    def _trace(self, forces: list[Taken]) -> ForceTrace:
+        stamps: list[int] = []
+        values: list[float] = []
+        for taken in forces:
+            message = deserialize_message(taken.data, WrenchStamped)
+            stamp_ns, force = messages.force_of(message, self._axis, self.settings.quantity)
+            self._sensor_frame = message.header.frame_id
+            stamps.append(stamp_ns)
+            values.append(force)
+        return ForceTrace(np.array(stamps, dtype=np.int64), np.array(values, dtype=np.float64))
 
     def _process(self) -> None:
         self._take()
@@ -418,7 +390,7 @@ class Identifier(NodeOfParts):
             self._estimate.publish(message)
             if estimate.disturbance_deviation > 0.0:
                 stamp_ns, value = estimate.stamp_ns, estimate.disturbance
-                frame_id, quantity = self._hearing.sensor_frame, self.settings.quantity
+                frame_id, quantity = self._sensor_frame, self.settings.quantity
                 sensor = self._axis, MESSAGE_TYPES, frame_id, quantity
                 self._disturbance.publish(messages.force_message(stamp_ns, value, *sensor))
 
@@ -435,7 +407,7 @@ class Identifier(NodeOfParts):
     def _report(self) -> None:
         self._senders.look()
         topic = self.resolve_topic_name(topics.FORCE)
-        if self._hearing.look():
+        if self._force.look():
             said = f'{topic} is published best effort: it is heard, and samples may be lost'
             logger_of(self).warning(said)
         faults = {**self.stream.fault_counts, **self._senders.fault_counts}
