@@ -36,7 +36,6 @@ exit code: 0 if the schedule ran to its end, no sample was lost and the replay i
 otherwise, 2 if it could not run.
 """
 RATE = 20.0
-FORCE_RATE = 1000.0
 PORT = 8765
 # Between two lines that say how it goes [s].
 _PERIOD = 5.0
@@ -125,7 +124,7 @@ def node_parameters(arguments: argparse.Namespace) -> dict[str, dict[str, Any]]:
     page = {} if arguments.live is None else {LIVE_PAGE: {'port': arguments.live}}
     return {
         PLANT: {
-            'rate': FORCE_RATE,
+            'rate': 1000.0,
             'subject': arguments.subject,
             'seed': arguments.seed,
             'noise': arguments.noise,

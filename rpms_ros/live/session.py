@@ -254,7 +254,6 @@ _TOPICS_PERIOD = 0.5
 _NEAR_NS = 10_000_000_000
 # Without a pulse in so long there is no force that an error could be a share of [ns].
 _REST_NS = 1_500_000_000
-_UNNAMED = 'stimulated muscle'
 # What a frame of the estimates is called that nobody has named.
 _ANY_MUSCLE = 'muscle'
 # Identity of a publisher, by which a driver calls a button whose node it does not know yet.
@@ -308,7 +307,7 @@ class LiveSession:
         own: str = '/live_page',
         first_curve_s: float = 60.0,
     ) -> None:
-        self.title = namespace.strip('/').replace('_', ' ') or _UNNAMED
+        self.title = namespace.strip('/').replace('_', ' ') or 'stimulated muscle'
         self._own = re.compile(rf'(?<!\w){re.escape(own)}(?![\w/])')
         self._first_curve_s = first_curve_s
         self._began: float | None = None

@@ -127,7 +127,6 @@ class Sensor:
 
 FROZEN, CLIPPED, SCALED, OFFSET = 'frozen', 'clipped', 'scaled', 'offset'
 LOST, DOUBLED = 'lost', 'doubled'
-NEED_VALUE = (CLIPPED, SCALED, OFFSET)
 KINDS = (FROZEN, CLIPPED, SCALED, OFFSET, LOST, DOUBLED)
 
 
@@ -165,7 +164,7 @@ class SensorFault:
         check_number(MuscleError, 'at', self.at, 0, unit='s')
         check_number(MuscleError, 'duration', self.duration, 0, above=True, unit='s')
         check_number(MuscleError, 'value', self.value)
-        if self.fault in NEED_VALUE and self.value == 0.0:
+        if self.fault in (CLIPPED, SCALED, OFFSET) and self.value == 0.0:
             raise MuscleError(f'expected a value for a {self.fault} sensor, got 0')
 
 

@@ -74,9 +74,6 @@ class Surroundings:
         return self._faulty(stamp_ns, shown)
 
 
-CURVE_POINTS = 41
-
-
 @dataclass(frozen=True)
 class Truth:
     """The muscle and its surroundings at one time.
@@ -105,7 +102,7 @@ class Truth:
 
 def truth_at(muscle: Contraction, surroundings: Surroundings, stamp_ns: int) -> Truth:
     """Return the true state at a time [ns] up to which the force has been computed."""
-    intensity = np.linspace(0.0, 1.0, CURVE_POINTS)
+    intensity = np.linspace(0.0, 1.0, 41)
     return Truth(
         stamp_ns=stamp_ns,
         state=muscle.state(stamp_ns),
@@ -212,11 +209,6 @@ def simulated_force(
     return simulate_session(Contraction(subject), surroundings, pulses, stamps)[0]
 
 
-# Faults of a pulse.
-INTENSITY = 'pulse_intensity_out_of_range'
-WIDTH = 'pulse_width_out_of_range'
-LATE = 'pulse_late'
-
 # After this time an artifact with a time constant of 5 ms has decayed to exp(-40).
 _ARTIFACT_MEMORY_NS = NANOSECONDS_PER_SECOND // 5
 
@@ -264,15 +256,15 @@ class SampledPlant:
         """
         fault = None
         if not 0.0 <= pulse.intensity <= 1.0:
-            fault = INTENSITY
+            fault = 'pulse_intensity_out_of_range'
         elif not 0.0 <= pulse.width < math.inf:
-            fault = WIDTH
+            fault = 'pulse_width_out_of_range'
         else:
             self._muscle.add_pulses(pulse.onset_ns, pulse.intensity)
             self._recent.append(pulse)
             latency_ns = nanoseconds(self._muscle.subject.latency)
             if self._produced and pulse.onset_ns + latency_ns < self.newest_ns:
-                fault = LATE
+                fault = 'pulse_late'
         if fault is not None:
             self.faults[fault] += 1
         return fault

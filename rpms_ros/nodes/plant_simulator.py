@@ -28,8 +28,6 @@ from rpms_ros.nodes.common.runner import NodeOfParts, every, run
 from rpms_ros.nodes.common.topics import MESSAGE_TYPES
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, Pulse, nanoseconds
 
-RANDOM = 'random'
-_LARGEST_FORCE = 1e6
 # Noise of an ordinary sensor, as a share of the maximum force.
 _NOISE_SHARE = 0.005
 
@@ -41,7 +39,7 @@ class PlantParameters(NodeParameters):
     rate: float = parameter(
         1000.0, 'Force samples a second.', unit='Hz', minimum=1.0, maximum=20000.0
     )
-    subject: str = parameter('rpms', 'Preset of the muscle.', choices=(*SUBJECTS, RANDOM))
+    subject: str = parameter('rpms', 'Preset of the muscle.', choices=(*SUBJECTS, 'random'))
     seed: int = parameter(
         1, 'Seed of the noise, and of a random subject.', minimum=0, maximum=LARGEST_SEED
     )
@@ -50,7 +48,7 @@ class PlantParameters(NodeParameters):
         'Deviation of the noise; negative: that of the scenario, or 0.5 % of the maximum force.',
         unit='N',
         minimum=-1.0,
-        maximum=_LARGEST_FORCE,
+        maximum=1e6,
     )
     axis: str = parameter(
         'z', 'Axis of the wrench.', choices=('x', 'y', 'z', '-x', '-y', '-z'), true_is='y'

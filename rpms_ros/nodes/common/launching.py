@@ -30,7 +30,6 @@ COMMON: tuple[Argument, ...] = (
     ('path', '', 'Folder of the recording; empty makes a name.'),
 )
 """Arguments of every launch file."""
-_SWITCHES = ('live', 'record')
 
 
 def described(
@@ -54,7 +53,7 @@ def described(
             name,
             default_value=default,
             description=meaning,
-            choices=['true', 'false'] if name in _SWITCHES else None,
+            choices=['true', 'false'] if name in ('live', 'record') else None,
         )
         for name, default, meaning in (*arguments, *COMMON)
     ]
