@@ -32,22 +32,13 @@ from rpms_ros.nodes.recorder import Recorder, RecorderParameters
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.nodes.stop_button import StopButton, StopButtonParameters
 
-NODES = (
-    ConsoleParameters,
-    DriverParameters,
-    IdentifierParameters,
-    LivePageParameters,
-    PlantParameters,
-    RecorderParameters,
-    StopButtonParameters,
-)
-WITH_AN_AXIS = ('identifier', 'plant_simulator', 'live_page')
 FILES = {
     'identifier': IdentifierParameters,
     'plant_simulator': PlantParameters,
     'recorder': RecorderParameters,
     'live_page': LivePageParameters,
 }
+NODES = (*FILES.values(), ConsoleParameters, DriverParameters, StopButtonParameters)
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -210,7 +201,7 @@ def test_a_parameter_file_holds_every_parameter_at_its_default(
     assert 'unknown' not in capfd.readouterr().err
 
 
-@pytest.mark.parametrize('name', WITH_AN_AXIS)
+@pytest.mark.parametrize('name', ['identifier', 'plant_simulator', 'live_page'])
 def test_the_axis_y_is_not_taken_for_yes(context, tmp_path, name):
     path = tmp_path / 'own.yaml'
     path.write_text('/**: {ros__parameters: {axis: y}}')
