@@ -207,7 +207,9 @@ class Contraction:
         if fixed_rate_hz is not None:
             check_number(MuscleError, 'repetition rate', fixed_rate_hz, 0, above=True, unit='Hz')
         settings = settings or LivingSettings()
-        self.subject, self._start_ns, self._fixed_rate = subject, start_ns, fixed_rate_hz
+        self.subject = subject
+        self._start_ns = start_ns
+        self._fixed_rate = fixed_rate_hz
         curve, power = subject.recruitment, subject.order - 1
         rested = {
             'gain': 1.0,
@@ -355,10 +357,15 @@ class Contraction:
     ) -> FloatArray:
         """Return rho_u with changed threshold and saturation, the same gain, 0 at intensity 0."""
         curve = self.subject.recruitment
+
+        def shape(u: FloatArray) -> FloatArray:
+            above, beyond = u - threshold, u - saturation
+            bend: FloatArray = above * np.arctan(curve.threshold_slope * above)
+            return bend - beyond * np.arctan(curve.saturation_slope * beyond)
+
         moved = (threshold != curve.threshold) | (saturation != curve.saturation)
-        at_rest = curve.bends(np.zeros_like(intensity), threshold, saturation)
-        none = np.where(moved, -curve.gain * at_rest, curve.offset)
-        return curve.gain * curve.bends(intensity, threshold, saturation) + none
+        none = np.where(moved, -curve.gain * shape(np.zeros_like(intensity)), curve.offset)
+        return curve.gain * shape(intensity) + none
 
     def _drop(self, used: IntArray) -> None:
         """Drop pulses whose twitch has begun."""
@@ -366,5 +373,6 @@ class Contraction:
             return
         begun = np.concatenate((self._begun_ns, self._onset_ns[used]))
         self._begun_ns = begun[begun >= begun.max() - _REMEMBERED_NS]
-        self._onset_ns = np.delete(self._onset_ns, used)
-        self._intensity = np.delete(self._intensity, used)
+        keep = np.ones(len(self._onset_ns), dtype=np.bool_)
+        keep[used] = False
+        self._onset_ns, self._intensity = self._onset_ns[keep], self._intensity[keep]

@@ -61,15 +61,11 @@ class IntensityRecruitment:
     def __call__(self, intensity: npt.ArrayLike) -> FloatArray:
         """Return rho_u at ``intensity`` (shape (...), share 0..1), same shape."""
         u = np.asarray(intensity, dtype=np.float64)
-        return self.gain * self.bends(u, self.threshold, self.saturation) + self.offset
-
-    def bends(
-        self, intensity: FloatArray, threshold: float | FloatArray, saturation: float | FloatArray
-    ) -> FloatArray:
-        """Return rho_u (...) without gain and offset, with another u_thr and u_sat."""
-        above, beyond = intensity - threshold, intensity - saturation
-        bend: FloatArray = above * np.arctan(self.threshold_slope * above)
-        return bend - beyond * np.arctan(self.saturation_slope * beyond)
+        above = u - self.threshold
+        beyond = u - self.saturation
+        bend = above * np.arctan(self.threshold_slope * above)
+        limit = beyond * np.arctan(self.saturation_slope * beyond)
+        return self.gain * (bend - limit) + self.offset
 
     @property
     def rises(self) -> bool:
