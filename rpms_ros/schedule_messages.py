@@ -12,7 +12,7 @@ that it repeats and says in ``length`` how many they are, those of repetitions a
 
 from array import array
 from collections.abc import Sequence
-from dataclasses import fields
+from itertools import chain
 from typing import Any
 
 from rpms_ros.messages import MessageTypes
@@ -20,6 +20,7 @@ from rpms_ros.stimulation.schedule.description import (
     DEEPEST_REPEAT,
     SEGMENT_KINDS,
     segment_from_mapping,
+    segment_to_mapping,
 )
 from rpms_ros.stimulation.schedule.fields import (
     DescriptionError,
@@ -33,7 +34,6 @@ from rpms_ros.strict_yaml import MOST_NODES
 Entry = dict[str, Any]
 Items = tuple[Segment | Repeat, ...]
 
-
 SCHEDULE = 'rpms_msgs/msg/Schedule'
 SCHEDULE_SEGMENT = 'rpms_msgs/msg/ScheduleSegment'
 
@@ -44,11 +44,7 @@ KINDS = (
 """Kinds of segments; the number of the first is 1."""
 
 _REPEAT = ('times', 'length')
-_FIELDS = tuple(
-    dict.fromkeys(
-        [name for kind in SEGMENT_KINDS.values() for name in bounded_names(kind)] + [*_REPEAT]
-    )
-)
+_FIELDS = tuple(dict.fromkeys(chain(*map(bounded_names, SEGMENT_KINDS.values()), _REPEAT)))
 
 
 def schedule_of(message: Any) -> Schedule:
@@ -166,7 +162,5 @@ def _flat(items: Items) -> list[Entry]:
             inner = _flat(item.segments)
             entries += [{'kind': 'repeat', 'times': item.times, 'length': len(inner)}, *inner]
         else:
-            values = {entry.name: getattr(item, entry.name) for entry in fields(item)}
-            given = {name: value for name, value in values.items() if value is not None}
-            entries.append({'kind': item.kind, **given})
+            entries.append(segment_to_mapping(item))
     return entries

@@ -82,10 +82,9 @@ class Node:
         """Return the line of a place such as ``a[2].b``, or of what is nearest around it."""
         node = self
         for step in re.findall(r'[^.\[\]]+', place):
-            child = node.children.get(step)
-            if child is None:
+            if step not in node.children:
                 break
-            node = child
+            node = node.children[step]
         return node.line
 
 

@@ -57,11 +57,10 @@ from rpms_ros.stimulation.driver.safety_monitor import EXECUTOR, Refused, Sensor
 from rpms_ros.stimulation.driver.states import POSSIBLE, State
 from rpms_ros.stimulation.driver.stop_buttons import StopButtons
 
-_PREFIX = 'TRANSITION_'
 _LABELS: dict[int, str] = {
-    getattr(Transition, name): name.removeprefix(_PREFIX).lower()
+    getattr(Transition, name): name.removeprefix('TRANSITION_').lower()
     for name in dir(Transition)
-    if name.startswith(_PREFIX)
+    if name.startswith('TRANSITION_')
 }
 
 
@@ -122,13 +121,13 @@ class StimulatorDriver(LifecycleNode):
         self.settings = declare_parameters(self, DriverParameters, refuse_misspelt=True)
         settings = self.settings
         self._session = session_of(settings)
-        self._ledger = ledger_of(settings, self._session)
-        self._parts.callback(self._ledger.close)
+        ledger = ledger_of(settings, self._session)
+        self._parts.callback(ledger.close)
         self.controller = StimulationController(
             build_device(settings, self._session.specification),
             self._session.specification,
             driver_settings_of(settings),
-            ledger=self._ledger,
+            ledger=ledger,
         )
         self.authority = Authority(settings.heartbeat_timeout)
         self.buttons = StopButtons(
@@ -150,7 +149,7 @@ class StimulatorDriver(LifecycleNode):
         self._pulses = PulsePublisher(self)
         self.controller.on_fired = self._pulses.publish
         who = self.controller, self.buttons, self.authority
-        self._reports = DriverReports(self, self._audit, *who, self._ledger, device)
+        self._reports = DriverReports(self, self._audit, *who, device)
         refuse = self._reports.refuse
         self.create_service(RequestArming, topics.REQUEST_ARMING, self._on_request)
         self.create_service(ConfirmArming, topics.CONFIRM_ARMING, self._on_confirm)
@@ -176,17 +175,15 @@ class StimulatorDriver(LifecycleNode):
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Open the device."""
         self._threads.start()
-        done = self._try(self._configure)
-        if done is not TransitionCallbackReturn.SUCCESS:
-            return done
+        if not self._try(self._configure):
+            return TransitionCallbackReturn.FAILURE
         self._reports.say('configured: device open, disarmed')
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Arm; refused while a stop is latched or an interlock is open."""
-        done = self._try(self._make_ready)
-        if done is not TransitionCallbackReturn.SUCCESS:
-            return done
+        if not self._try(self._make_ready):
+            return TransitionCallbackReturn.FAILURE
         self._active = True
         who = self.authority.operator or 'nobody in particular'
         self._reports.say(f'armed by {who}')
@@ -298,18 +295,19 @@ class StimulatorDriver(LifecycleNode):
         self._active = False
         self.authority.release()
 
-    def _try(self, command: Callable[[], None]) -> TransitionCallbackReturn:
+    def _try(self, command: Callable[[], None]) -> bool:
+        """Return whether what a transition asks for was done; tell why it was refused."""
         try:
             command()
         except RpmsError as error:
             self._reports.refuse(str(error))
-            return TransitionCallbackReturn.FAILURE
+            return False
         except Exception as error:
             # rclpy calls on_error without a message
             self._reports.refuse(f'expected a transition without an error, got {error!r}')
             raise
         self._reports.forget_refusal()
-        return TransitionCallbackReturn.SUCCESS
+        return True
 
     def _answered(self, response: Any, act: Callable[[], str]) -> Any:
         """Do what a service is asked for; answer with what was done, or why it was refused."""

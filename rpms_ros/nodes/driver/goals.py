@@ -75,11 +75,6 @@ def code_of(error: RpmsError) -> Any:
     return CODES.INTERLOCK if error.limit in INTERLOCKS else CODES.OVER_LIMIT
 
 
-def code_of_end(run: Run) -> int:
-    """Return the error code of a run that is over."""
-    return int(_CODE_OF_CAUSE[run.cause])
-
-
 # every status message names all goals that are kept: a flood of them must not slow the executor
 _RESULT_TIMEOUT_S = 5
 
@@ -105,9 +100,16 @@ class _DeferredServer(ActionServer):
         if future in self._futures:
             ActionServer.remove_future(self, future)
 
-    def conclude(self, goal_handle: ServerGoalHandle, callback: Callable[..., Any]) -> None:
-        """End a goal: `callback` sets its state and returns its result."""
-        ActionServer.notify_execute(self, goal_handle, callback)
+    def conclude(
+        self, goal_handle: ServerGoalHandle, end: Callable[[Any], None], result: Any
+    ) -> None:
+        """End a goal: `end` sets its state, and the result is sent."""
+
+        def ended(handle: ServerGoalHandle) -> Any:
+            end(handle)
+            return result
+
+        ActionServer.notify_execute(self, goal_handle, ended)
 
 
 class ScheduleAction:
@@ -210,12 +212,7 @@ class ScheduleAction:
         said = plain_text(reason)
         self._refused(said)
         result = RunSchedule.Result(error_code=code, reason=said)
-
-        def end(handle: ServerGoalHandle) -> RunSchedule.Result:
-            handle.abort()
-            return result
-
-        self._server.conclude(goal, end)
+        self._server.conclude(goal, ServerGoalHandle.abort, result)
 
     def _on_cancel(self, goal: ServerGoalHandle) -> CancelResponse:
         if goal is self._goal:
@@ -223,26 +220,18 @@ class ScheduleAction:
         return CancelResponse.ACCEPT
 
     def _conclude(self, goal: ServerGoalHandle, run: Run) -> None:
-        cancelled = goal.is_cancel_requested
+        end = ServerGoalHandle.succeed if run.completed else ServerGoalHandle.abort
+        if goal.is_cancel_requested:
+            end = ServerGoalHandle.canceled
         result = RunSchedule.Result(
             completed=bool(run.completed),
-            error_code=code_of_end(run),
+            error_code=_CODE_OF_CAUSE[run.cause],
             reason=plain_text(run.ended),
             pulses_delivered=int(run.delivered),
             pulses_dropped=int(run.dropped),
             coil_energy=float(run.energy_j),
         )
-
-        def end(handle: ServerGoalHandle) -> RunSchedule.Result:
-            if cancelled:
-                handle.canceled()
-            elif run.completed:
-                handle.succeed()
-            else:
-                handle.abort()
-            return result
-
-        self._server.conclude(goal, end)
+        self._server.conclude(goal, end, result)
 
     @staticmethod
     def _unused(goal: ServerGoalHandle) -> RunSchedule.Result:

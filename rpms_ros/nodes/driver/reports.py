@@ -33,13 +33,12 @@ from rpms_ros.nodes.common.topics import MESSAGE_TYPES
 from rpms_ros.printable import counted
 from rpms_ros.pulses import Pulse, PulseHash, nanoseconds
 from rpms_ros.stimulation import Schedule, schedule_to_text
-from rpms_ros.stimulation.devices import Delivery, registry
+from rpms_ros.stimulation.devices import registry
 from rpms_ros.stimulation.driver.authority import Authority
 from rpms_ros.stimulation.driver.controller import StimulationController
 from rpms_ros.stimulation.driver.states import Fired, State
 from rpms_ros.stimulation.driver.stop_buttons import StopButtons
 from rpms_ros.stimulation.records.append_only import AUDIT_LOG, ChainedFile
-from rpms_ros.stimulation.records.dose_ledger import MemoryLedger
 
 UNVERIFIED = {
     name: getattr(PulseMessage, f'UNVERIFIED_{name.upper()}') for name in registry.UNVERIFIED
@@ -49,7 +48,6 @@ UNVERIFIED = {
 _FRAME = 'coil'
 _CLOCK_READINGS = 5
 _TIGHT_NS = 50_000
-_LONG_NS = 10**18
 
 
 class PulsePublisher:
@@ -99,7 +97,15 @@ class PulsePublisher:
         asked = Pulse(fired.due_ns + offset_ns, fired.intensity, fired.sequence, fired.width_s)
         self._asked.publish(self._message(asked))
         if fired.delivery is not None:
-            given = given_pulse(fired, fired.delivery, offset_ns)
+            # one that was not answered may have been given: nothing of it is confirmed
+            unverified = sum(UNVERIFIED[name] for name in fired.delivery.unverified)
+            given = Pulse(
+                fired.delivery.time_ns + offset_ns,
+                fired.delivery.intensity,
+                fired.delivered_sequence,
+                fired.width_s,
+                unverified,
+            )
             self._given.publish(self._message(given))
             self.hash.add(given)
 
@@ -107,35 +113,19 @@ class PulsePublisher:
         return messages.pulse_message(pulse, MESSAGE_TYPES, _FRAME)
 
 
-def given_pulse(fired: Fired, delivery: Delivery, offset_ns: int) -> Pulse:
-    """Return a trigger as a pulse, with what the device did not confirm.
-
-    One that was not answered may have been given: it is a pulse of which nothing is confirmed.
-    """
-    return Pulse(
-        delivery.time_ns + offset_ns,
-        delivery.intensity,
-        fired.delivered_sequence,
-        fired.width_s,
-        sum(UNVERIFIED[name] for name in delivery.unverified),
-    )
-
-
 def clock_offset_ns() -> int:
     """Return the system's clock minus the monotonic clock [ns].
 
     The thread may be held up between the two readings; the tightest of a few counts.
     """
-    best_width, best_offset = _LONG_NS, 0
+    readings = []
     for _ in range(_CLOCK_READINGS):
-        before = time.monotonic_ns()
-        now = time.time_ns()
+        before, now = time.monotonic_ns(), time.time_ns()
         width = time.monotonic_ns() - before
-        if width < best_width:
-            best_width, best_offset = width, now - before - width // 2
+        readings.append((width, now - before - width // 2))
         if width < _TIGHT_NS:
             break
-    return best_offset
+    return min(readings)[1]
 
 
 SIMULATED = 'simulated'
@@ -270,7 +260,7 @@ class DriverReports:
         The driver's.
     audit : DriverAudit
         Refusals are written there.
-    controller, buttons, authority, ledger
+    controller, buttons, authority
         What a status is made of.
     device : str
         Kind of device, and its port; in diagnostics a simulated one is known by its node.
@@ -283,12 +273,11 @@ class DriverReports:
         controller: StimulationController,
         buttons: StopButtons,
         authority: Authority,
-        ledger: MemoryLedger,
         device: str,
     ) -> None:
         self._node = node
         self._controller, self._buttons = controller, buttons
-        self._authority, self._ledger, self._device = authority, ledger, device
+        self._authority, self._device = authority, device
         self._accepted = node.create_publisher(
             AcceptedSchedule, topics.ACCEPTED_SCHEDULE, qos.ACCEPTED_SCHEDULE
         )
@@ -380,7 +369,7 @@ class DriverReports:
     def _status_message(self, stamp: Any, now_ns: int) -> DriverStatus:
         controller, note = self._controller, self._note
         state, latched, reason = controller.status()
-        faults, totals = controller.fault_counts(), self._ledger.totals()
+        faults, totals = controller.fault_counts(), controller.ledger.totals()
         states = self._buttons.states(now_ns)
         message = DriverStatus(
             state=DriverStatus.STOPPED if latched else int(state.value),

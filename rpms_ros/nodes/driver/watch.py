@@ -135,24 +135,18 @@ class Taker:
         """Return the next message, None if there is none."""
         handle = self._subscription.handle
         with handle:
-            if not self._came(handle.pointer):
-                return None
+            answer = self._take(handle.pointer, *self._places, None)
+        if answer == _NOTHING:
+            return None
+        if answer != _OK:
+            self._forget_error()
+            topic = self._subscription.topic
+            raise NodeError(f'expected a message of {topic}, got error {answer}')
         return Taken(
             ctypes.string_at(self._bytes.buffer, self._bytes.length),
             bytes(self._information.identity),
             int(self._information.sequence),
         )
-
-    def _came(self, pointer: int) -> bool:
-        """Take the next message into the buffer; return whether there was one."""
-        answer = self._take(pointer, *self._places, None)
-        if answer == _NOTHING:
-            return False
-        if answer != _OK:
-            self._forget_error()
-            topic = self._subscription.topic
-            raise NodeError(f'expected a message of {topic}, got error {answer}')
-        return True
 
     def close(self) -> None:
         """Free the memory."""

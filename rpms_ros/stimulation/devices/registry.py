@@ -211,9 +211,6 @@ class DeviceOptions:
     maximum_intensity: float = 1.0
 
 
-DeviceBuilder = Callable[[DeviceOptions], Device]
-
-
 def require_device(name: str) -> None:
     """Raise StimulationError unless a device of this name is installed, by one distribution."""
     registered = entry_points(group=GROUP)
@@ -238,7 +235,7 @@ def build_device(name: str, options: DeviceOptions) -> Device:
     require_device(name)
     (point, *_) = entry_points(group=GROUP, name=name)
     try:
-        builder: DeviceBuilder = point.load()
+        builder: Callable[[DeviceOptions], Device] = point.load()
         device = builder(options)
     except (ImportError, AttributeError, TypeError, ValueError) as error:
         raise StimulationError(

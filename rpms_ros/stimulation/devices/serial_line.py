@@ -138,7 +138,6 @@ class GuardedLine:
     ) -> None:
         self.port = port
         self.limits = limits
-        self.guard_pid: int | None = None
         self._clock = clock
         self._guard: subprocess.Popen[bytes] | None = None
         self._line: Descriptor | None = None
@@ -148,11 +147,6 @@ class GuardedLine:
         # the oldest beat that was not answered
         self._unheard_ns: int | None = None
 
-    @property
-    def is_open(self) -> bool:
-        """Whether there is a line."""
-        return self._line is not None
-
     def open(self) -> None:
         """Take the port, start its guard; nothing is held if it fails.
 
@@ -161,7 +155,7 @@ class GuardedLine:
         DeviceError
             If the port is not there or is held by somebody, or no guard comes up.
         """
-        if self.is_open:
+        if self._line is not None:
             raise DeviceError(f'expected {self.port} to be closed, got an open one')
         try:
             self._start_guard()
@@ -259,7 +253,7 @@ class GuardedLine:
                 # stopped, or it would have gone: what it had to do was done past it
                 process.kill()
                 process.wait()
-        self._line = self._socket = self._guard = self.guard_pid = None
+        self._line = self._socket = self._guard = None
         if line is not None:
             # others may open the port again; the lock ends with its last descriptor
             with contextlib.suppress(OSError):
@@ -286,7 +280,6 @@ class GuardedLine:
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
             )
-        self.guard_pid = self._guard.pid
         hello = self._received(_START_S)
         if hello is None or hello.kind != packets.HELLO:
             raise DeviceError(f'expected a guard within {_START_S:g} s, got {hello}')
@@ -404,12 +397,7 @@ class SerialDevice:
     def read_back_s(self) -> float:
         """Time that reading the intensity back takes [s]; endless for one without a version."""
         length = self._parameters_length
-        return math.inf if length is None else wire_s(_FRAME_LENGTH + length) + _TURNAROUND_S
-
-    @property
-    def guard_pid(self) -> int | None:
-        """Process of the guard, None if there is none."""
-        return self._line.guard_pid
+        return math.inf if length is None else _exchange_s(length)
 
     def quantized(self, intensity: Shares) -> Shares:
         """Return the largest whole percents that are not above ``intensity`` (share)."""
@@ -459,9 +447,9 @@ class SerialDevice:
         end = self._clock() + round(min(spare_s, _FOREVER_S) * _SECOND)
         percent = round(_STEPS * self.quantized(intensity))
         status = self._set_percent(percent)
-        temperature = None
-        if self._temperature_is_due and self._fits(rapid2.TEMPERATURE_LENGTH, end):
-            temperature = self._read_temperature()
+        over = self._clock() + _exchange_s(rapid2.TEMPERATURE_LENGTH) * _SECOND
+        fits = self._temperature_is_due and over <= end
+        temperature = self._read_temperature() if fits else None
         self._refuse_what_is_wrong(status, self._armed)
         return self._status_of(status, temperature)
 
@@ -569,11 +557,6 @@ class SerialDevice:
         self._set = percent
         return status
 
-    def _fits(self, answer_length: int, end_ns: int) -> bool:
-        """Whether an exchange is over before a moment [ns]."""
-        needed_s = wire_s(_FRAME_LENGTH + answer_length) + _TURNAROUND_S
-        return self._clock() + needed_s * _SECOND <= end_ns
-
     @property
     def _temperature_is_due(self) -> bool:
         last = self._temperature_ns
@@ -616,6 +599,11 @@ class SerialDevice:
             error=bool(status & rapid2.ERROR),
             temperature=temperature,
         )
+
+
+def _exchange_s(answer_length: int) -> float:
+    """Return how long it takes to get an answer of so many bytes [s]."""
+    return wire_s(_FRAME_LENGTH + answer_length) + _TURNAROUND_S
 
 
 def _length_of_parameters(answer: bytes) -> int | None:

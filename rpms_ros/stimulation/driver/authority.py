@@ -28,8 +28,10 @@ import threading
 from pathlib import Path
 from typing import NamedTuple
 
+from rpms_ros.errors import StimulationError
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, nanoseconds
 from rpms_ros.stimulation.driver.safety_monitor import Refused
+from rpms_ros.stimulation.records.clocks import read_boot_id
 
 AUTHORITY = 'authority'
 LONGEST_NAME = 64
@@ -180,19 +182,18 @@ class Authority:
             return silence
 
     def _silence(self, now_ns: int) -> str | None:
-        """Return why the operator counts as gone, None if they are there."""
-        with self._lock:
-            if self._doubt:
-                return self._doubt
-            if self._seen_ns is None:
-                return f'expected a heartbeat of {self.operator or "an operator"}, got none yet'
-            if now_ns - self._seen_ns > nanoseconds(self._timeout_s):
-                age_s = (now_ns - self._seen_ns) / 1e9
-                return (
-                    f'expected a heartbeat of {self.operator} within {self._timeout_s:g} s, '
-                    f'got none for {age_s:.3g} s'
-                )
-            return None
+        """Return why the operator counts as gone, None if they are there; the lock is held."""
+        if self._doubt:
+            return self._doubt
+        if self._seen_ns is None:
+            return f'expected a heartbeat of {self.operator or "an operator"}, got none yet'
+        if now_ns - self._seen_ns > nanoseconds(self._timeout_s):
+            age_s = (now_ns - self._seen_ns) / 1e9
+            return (
+                f'expected a heartbeat of {self.operator} within {self._timeout_s:g} s, '
+                f'got none for {age_s:.3g} s'
+            )
+        return None
 
     def released_enable(self, now_ns: int) -> bool:
         """Return whether nothing is wrong except that the operator has released the enable."""
@@ -225,15 +226,11 @@ class Authority:
         return bool(self._token) and hmac.compare_digest(given, self._token.encode())
 
 
-_BOOT = Path('/proc/sys/kernel/random/boot_id')
-_PROCESSES = Path('/proc/self/ns/pid')
-
-
 def host_identity() -> str:
     """Return what is the same for two processes that can name each other by process id."""
     try:
-        return f'{_BOOT.read_text().strip()} {_PROCESSES.readlink()}'
-    except OSError:
+        return f'{read_boot_id()} {Path("/proc/self/ns/pid").readlink()}'
+    except (StimulationError, OSError):
         return ''
 
 

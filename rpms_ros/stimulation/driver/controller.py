@@ -14,7 +14,7 @@ import math
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import numpy as np
 
@@ -238,9 +238,8 @@ class StimulationController(DeviceOwner):
         after(self.state, Command.START)
         self._refuse_if_open()
         since = self._epoch
-        silence_s = (run.due_ns - self._active_ns) / NANOSECONDS_PER_SECOND
-        if silence_s > self.limits.idle_disarm_s:
-            raise Refused(*too_quiet(self.limits, silence_s))
+        if quiet := too_quiet(self.limits, run.due_ns - self._active_ns):
+            raise Refused(*quiet)
         self.run, self._reservations = run, reservations
         self._set_intensity = None
         self._wait_for_nothing()
@@ -408,7 +407,7 @@ class StimulationController(DeviceOwner):
         with self._deadlines.of('ledger', self.settings.open_limit_s):
             try:
                 if pulses and self._reservations is not None:
-                    self._reservations.count(pulses)
+                    self.ledger.count(pulses)
             except LedgerError as error:
                 self.fail('ledger', str(error))
 
@@ -690,9 +689,6 @@ class ControllerThreads:
         """End all of them."""
         for thread in self._threads.values():
             thread.close()
-
-    def __iter__(self) -> Iterator[threading.Thread]:
-        return iter(self._threads.values())
 
     def _fire(self) -> float:
         due_ns = self._controller.step()

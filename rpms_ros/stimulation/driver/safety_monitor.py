@@ -238,9 +238,6 @@ FORCE = 'force'
 HEARTBEAT = 'heartbeat'
 EMERGENCY_STOP = 'emergency_stop'
 
-_TEMPERATURE = 'temperature'
-_FORCE_LIMIT = 'force_limit'
-
 
 class Standing(NamedTuple):
     """State and reason as one value, so that a reader never sees half of a change."""
@@ -259,7 +256,7 @@ class Halt(NamedTuple):
     reason : str
         Why, in plain words.
     cause : str
-        Why the run ended, one of `run.CAUSES`.
+        Why the run ended, as `Run.cause`.
     name : str
         Under which it is counted and latched; empty to count nothing.
     """
@@ -373,11 +370,11 @@ class SafetyMonitor:
     def force(self, newton: float) -> None:
         """Hold a force sample [N] against its limit; not a number counts as too much."""
         self.seen(FORCE)
-        self.measured(_FORCE_LIMIT, newton, self.settings.force_limit_n, self.settings.force_unit)
+        self.measured('force_limit', newton, self.settings.force_limit_n, self.settings.force_unit)
 
     def temperature(self, celsius: float) -> None:
         """Hold a coil temperature [Celsius], measured or modelled, against its limit."""
-        self.measured(_TEMPERATURE, celsius, self.settings.temperature_limit, 'Celsius')
+        self.measured('temperature', celsius, self.settings.temperature_limit, 'Celsius')
 
     def measured(self, name: str, value: float, limit: float, unit: str) -> None:
         """Hold something measured against its limit; not a number counts as too much."""

@@ -11,7 +11,6 @@ settings that belong to neither a schedule nor a device.
 
 import enum
 import threading
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rpms_ros.errors import StimulationError
@@ -82,9 +81,6 @@ def after(state: State, command: Command) -> State:
     return found
 
 
-CAUSES = ('completed', 'incomplete', 'cancelled', 'limit', 'disarmed', 'stopped', 'fault')
-
-
 @dataclass
 class Run:
     """Progress of a schedule.
@@ -106,7 +102,8 @@ class Run:
     ended : str
         Why it is over; empty while it runs.
     cause : str
-        The same in one word of `CAUSES`; empty while it runs.
+        The same in one word: completed, incomplete, cancelled, limit, disarmed, stopped or fault;
+        empty while it runs.
     announced : bool
         Whether its first pulse may come: whoever has to know of it was told.
     """
@@ -269,10 +266,6 @@ class Reservations:
     def holds(self, index: int) -> bool:
         """Return whether a pulse of the run is reserved and not taken."""
         return index in self._open
-
-    def count(self, pulses: Sequence[BookedPulse]) -> None:
-        """Count pulses that were given beside the run's; raises LedgerError as `extend` does."""
-        self._ledger.count(pulses)
 
     def take(self, index: int) -> None:
         """Note that a pulse of the run is triggered now.

@@ -16,11 +16,11 @@ from rpms_ros.stimulation.schedule.fields import (
     as_mapping,
     bounded_names,
     build,
-    read_flag,
     read_part,
     read_text,
     refuse_unknown,
 )
+from rpms_ros.strict_yaml import shown
 
 _FOLDER = Path(__file__).with_name('device_specifications')
 LONGEST_NAME = 64
@@ -88,12 +88,18 @@ def load_device_specification(name: str) -> DeviceSpecification:
 def _read(content: object) -> DeviceSpecification:
     document = as_mapping(content, '')
     refuse_unknown(document, _KEYS, '')
-    simulated_only = read_flag(document, 'simulated_only', '', default=False)
+    simulated_only = document.get('simulated_only', False)
+    if not isinstance(simulated_only, bool):
+        fault = f'expected true or false, got {shown(simulated_only)}'
+        raise DescriptionError('simulated_only', fault)
     limits = as_mapping(document.get('limits'), 'limits')
     refuse_unknown(limits, bounded_names(Limits), 'limits')
     thermal = document.get('thermal')
     figures = [*limits, *(as_mapping(thermal, 'thermal') if thermal is not None else [])]
-    sources = _sources(document, figures)
+    # every figure has to have a source
+    sources = as_mapping(document.get('sources'), 'sources')
+    refuse_unknown(sources, figures, 'sources')
+    texts = {figure: read_text(sources, figure, 'sources', LONGEST_TEXT) for figure in figures}
     if not simulated_only:
         _refuse_gaps(limits, thermal)
     serial = ''
@@ -105,16 +111,9 @@ def _read(content: object) -> DeviceSpecification:
         limits=build(Limits, limits, 'limits'),
         thermal=None if thermal is None else read_part(CoilThermal, thermal, 'thermal'),
         simulated_only=simulated_only,
-        sources=sources,
+        sources=texts,
         serial_number=serial,
     )
-
-
-def _sources(document: Mapping[str, object], figures: list[str]) -> dict[str, str]:
-    """Return the source of each figure; every figure has to have one."""
-    sources = as_mapping(document.get('sources'), 'sources')
-    refuse_unknown(sources, figures, 'sources')
-    return {figure: read_text(sources, figure, 'sources', LONGEST_TEXT) for figure in figures}
 
 
 def _refuse_gaps(limits: Mapping[str, object], thermal: object) -> None:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rpms_ros.printable import told_apart
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, nanoseconds
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray
 from rpms_ros.stimulation.limits.coil_temperature import CoilTemperature
 from rpms_ros.stimulation.limits.device_specification import DeviceSpecification
 from rpms_ros.stimulation.limits.limits import (
@@ -26,8 +26,6 @@ from rpms_ros.stimulation.limits.limits import (
     too_quiet,
 )
 from rpms_ros.stimulation.schedule.schedule import Plan, Schedule
-
-CUTOUT = 'coil_cutout'
 
 
 @dataclass(frozen=True)
@@ -201,31 +199,23 @@ class Trial:
         """
         limiter, coil, index = self._limiter, self._coil, 0
         times_ns = (start_ns + plan.onset_ns).tolist()
-        longest_ns = nanoseconds(self.limits.idle_disarm_s)
         for time_ns, intensity in zip(times_ns, plan.intensity.tolist(), strict=True):
             for refusal in limiter.refusals(time_ns, intensity, width_s):
                 yield index, refusal
-            if time_ns - self._active_ns > longest_ns:
-                yield index, self._too_quiet(time_ns)
+            if quiet := too_quiet(self.limits, time_ns - self._active_ns):
+                yield index, quiet
             if index and limiter.starts_train(time_ns):
                 self.waits_s.append(limiter.wait_s)
             limiter.book(time_ns, intensity)
             if coil is not None:
                 self.celsius.append(coil.heat(time_ns, self.limits.energy_j(intensity)))
                 if self.celsius[-1] > coil.thermal.cutout:
-                    yield index, self._too_warm(coil.thermal.cutout)
+                    most, found = told_apart(coil.thermal.cutout, self.celsius[-1])
+                    fault = f'expected a coil of at most {most} Celsius, got {found} forecast'
+                    yield index, Refusal('coil_cutout', fault)
             self._active_ns = time_ns
             index += 1
         if index:
             self.waits_s.append(limiter.wait_s)
-        end_ns = start_ns + plan.duration_ns
-        if end_ns - self._active_ns > longest_ns:
-            yield index, self._too_quiet(end_ns)
-
-    def _too_quiet(self, now_ns: int) -> Refusal:
-        silence_s = (now_ns - self._active_ns) / NANOSECONDS_PER_SECOND
-        return too_quiet(self.limits, silence_s)
-
-    def _too_warm(self, cutout: float) -> Refusal:
-        most, found = told_apart(cutout, self.celsius[-1])
-        return Refusal(CUTOUT, f'expected a coil of at most {most} Celsius, got {found} forecast')
+        if quiet := too_quiet(self.limits, start_ns + plan.duration_ns - self._active_ns):
+            yield index, quiet

@@ -123,33 +123,6 @@ class Limits(Bounded):
         """Return the energy of one pulse [J], E = E_max u^2."""
         return self.pulse_energy_j * intensity * intensity
 
-    @property
-    def window_energy_j(self) -> float:
-        """Energy that fits into the window [J]."""
-        return self.continuous_power_w * self.energy_window_s
-
-    def wait_s(self, pulses: int, energy_j: float, span_s: float) -> float:
-        """Return the silence that a train has to be followed by [s].
-
-        max(t_min, E/P - n/f), for n pulses at rate f with energy E = n J and continuous power P:
-        the same as n (f J - P) / (P f).
-
-        Parameters
-        ----------
-        pulses : int
-            Pulses of the train.
-        energy_j : float
-            Their energy [J].
-        span_s : float
-            Time from its first pulse to its last [s].
-        """
-        # n/f: a train of n pulses lasts one period longer than the time between its ends
-        lasted = span_s * pulses / (pulses - 1) if pulses > 1 else 0.0
-        return max(self.minimum_pause_s, energy_j / self.continuous_power_w - lasted)
-
-
-LONGEST_WINDOW_H = 168.0
-
 
 class LedgerError(StimulationError):
     """A pulse cannot be put on the account, so it must not be fired."""
@@ -209,12 +182,7 @@ class DoseLimits(Bounded):
 
     pulses: int = bounded(Bound(1, 10_000_000, whole=True))
     energy_j: float = bounded(Bound(0.0, 1e9, 'J'))
-    window_h: float = bounded(Bound(0.0, LONGEST_WINDOW_H, 'h', above=True))
-
-    @property
-    def window_ns(self) -> int:
-        """Length of the window [ns]."""
-        return nanoseconds(self.window_h * 3600.0)
+    window_h: float = bounded(Bound(0.0, 168.0, 'h', above=True))
 
 
 TIMING_LIMITS = ('maximum_rate_hz', 'rate_limits_hz')
@@ -382,11 +350,18 @@ class PulseLimiter:
 
     @property
     def wait_s(self) -> float:
-        """Silence that the train so far has to be followed by [s]; 0 before the first pulse."""
+        """Silence that the train so far has to be followed by [s]; 0 before the first pulse.
+
+        max(t_min, E/P - n/f), for n pulses at rate f with energy E = n J and continuous power P:
+        the same as n (f J - P) / (P f).
+        """
         if self.last_ns is None:
             return 0.0
-        span = (self.last_ns - self.train_start_ns) / NANOSECONDS_PER_SECOND
-        return self.limits.wait_s(self.train_pulses, self.train_energy_j, span)
+        pulses, energy_s = self.train_pulses, self.train_energy_j / self.limits.continuous_power_w
+        span_s = (self.last_ns - self.train_start_ns) / NANOSECONDS_PER_SECOND
+        # n/f: a train of n pulses lasts one period longer than the time between its ends
+        lasted = span_s * pulses / (pulses - 1) if pulses > 1 else 0.0
+        return max(self.limits.minimum_pause_s, energy_s - lasted)
 
     # ---- what may be fired
 
@@ -470,11 +445,12 @@ class PulseLimiter:
 
     def _by_energy(self, energy_j: float) -> Iterator[Refusal]:
         limits = self.limits
+        most_j = limits.continuous_power_w * limits.energy_window_s
         window_j = self.window_energy_j + energy_j
-        if not window_j <= limits.window_energy_j * (1.0 + _ENERGY_ROUNDING):
+        if not window_j <= most_j * (1.0 + _ENERGY_ROUNDING):
             yield Refusal(
                 'continuous_power_w',
-                f'expected at most {limits.window_energy_j:.4g} J in {limits.energy_window_s:g} s '
+                f'expected at most {most_j:.4g} J in {limits.energy_window_s:g} s '
                 f'({limits.continuous_power_w:g} W), got {window_j:.4g} J',
             )
         session_j = self.session_energy_j + energy_j
@@ -490,8 +466,11 @@ class PulseLimiter:
             )
 
 
-def too_quiet(limits: Limits, silence_s: float) -> Refusal:
-    """Return what a pulse, or the end, is told that comes after too long a silence [s]."""
+def too_quiet(limits: Limits, silence_ns: int) -> Refusal | None:
+    """Return why a pulse, or the end, may not come after a silence [ns], or None if it may."""
+    if silence_ns <= nanoseconds(limits.idle_disarm_s):
+        return None
+    silence_s = silence_ns / NANOSECONDS_PER_SECOND
     return Refusal(
         'idle_disarm_s',
         f'expected at most {limits.idle_disarm_s:g} s without a pulse, got {silence_s:.4g} s',

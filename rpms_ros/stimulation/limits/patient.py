@@ -40,7 +40,6 @@ from rpms_ros.strict_yaml import shown
 LONGEST_VALIDITY_DAYS = 366
 _SHARE = Bound(0.0, 1.0, above=True)
 _IDENTIFIER = re.compile(r'[A-Za-z0-9][A-Za-z0-9._-]*')
-_TEXTS = ('identifier', 'device', 'set_by')
 
 
 @dataclass(frozen=True)
@@ -137,11 +136,12 @@ def patient_from_mapping(content: object) -> Patient:
     """
     document = as_mapping(content, '')
     refuse_unknown(document, [entry.name for entry in dataclasses.fields(Patient)], '')
+    texts = ('identifier', 'device', 'set_by')
     return build(
         Patient,
         document,
         '',
-        **{name: read_text(document, name, '', LONGEST_NAME) for name in _TEXTS},
+        **{name: read_text(document, name, '', LONGEST_NAME) for name in texts},
         **{name: _day(document, name) for name in ('set_on', 'expires')},
         dose=read_part(DoseLimits, document.get('dose'), 'dose'),
         rest=read_part(Rest, document.get('rest'), 'rest'),
@@ -177,7 +177,17 @@ def for_session(
                 f'expected a patient file for the real device {specification.name!r}, got none'
             )
         return specification
-    _refuse_mismatch(specification, patient, today or datetime.now(UTC).date())
+    if patient.device != specification.name:
+        raise StimulationError(
+            f'patient {patient.identifier}: expected figures found with {specification.name!r}, '
+            f'got those of {patient.device!r}'
+        )
+    today = today or datetime.now(UTC).date()
+    if not patient.set_on <= today <= patient.expires:
+        raise StimulationError(
+            f'patient {patient.identifier}: expected a day from {patient.set_on} to '
+            f'{patient.expires}, got {today}'
+        )
     limits = specification.limits
     tighter = dataclasses.replace(
         limits,
@@ -186,19 +196,6 @@ def for_session(
         minimum_pause_s=max(limits.minimum_pause_s, patient.rest.pause_s),
     )
     return dataclasses.replace(specification, limits=tighter)
-
-
-def _refuse_mismatch(specification: DeviceSpecification, patient: Patient, today: date) -> None:
-    if patient.device != specification.name:
-        raise StimulationError(
-            f'patient {patient.identifier}: expected figures found with {specification.name!r}, '
-            f'got those of {patient.device!r}'
-        )
-    if not patient.set_on <= today <= patient.expires:
-        raise StimulationError(
-            f'patient {patient.identifier}: expected a day from {patient.set_on} to '
-            f'{patient.expires}, got {today}'
-        )
 
 
 def _day(document: Mapping[str, object], key: str) -> date:

@@ -131,14 +131,12 @@ class Chain:
         content = decoded(line, self.hash)
         if content is None or content.get('number') != self.count:
             return None
-        if self.count == 0 and not self._begins(content):
+        begins = content.get('kind') == BEGIN and self.purpose in (None, content.get('purpose'))
+        if self.count == 0 and not begins:
             raise self._fault(self.lines, f'expected a file of kind {self.purpose}')
         self.count += 1
         self.hash = content['hash']
         return content
-
-    def _begins(self, content: Mapping[str, Any]) -> bool:
-        return content.get('kind') == BEGIN and self.purpose in (None, content.get('purpose'))
 
     def _fault(self, line: int, expected: str) -> ChainError:
         return ChainError(

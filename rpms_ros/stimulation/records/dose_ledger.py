@@ -217,7 +217,6 @@ def readable(torn: bytes, known: LedgerReader) -> list[BookedPulse]:
 
 
 PURPOSE = 'dose ledger'
-SHORTEST_HISTORY_H = 24.0
 LONGEST_NAME = 64
 # of a reservation that has to be written once more: when it was made stays what it was
 _COPIED = ('batch', 'device', 'patient', 'pulses', 'time', 'boot_id', 'boot_ns')
@@ -353,7 +352,7 @@ class MemoryLedger:
         """Return what the patient got within the window of the dose, reserved pulses included."""
         with self._counting:
             if self._dose is not None:
-                start = self._clock() - self._dose.window_ns
+                start = self._clock() - nanoseconds(self._dose.window_h * 3600.0)
                 while self._entries and self._entries[0].time_ns <= start:
                     self._drop(self._entries.popleft())
             return DoseTotals(self._pulses, self._energy_j)
@@ -427,7 +426,7 @@ class DoseLedger(MemoryLedger):
     ) -> None:
         self._clocks = clocks if clocks is not None else Clocks()
         super().__init__(dose, self._clocks.monotonic_ns)
-        hours = max(SHORTEST_HISTORY_H, dose.window_h if dose is not None else 0.0)
+        hours = max(24.0, dose.window_h if dose is not None else 0.0)
         horizon = nanoseconds(hours * 3600.0)
         self.device, self.patient = device, patient
         self._session = secrets.token_hex(4)

@@ -14,7 +14,6 @@ Descriptions in YAML: every fault is a StimulationError with file, line and plac
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import fields
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -209,10 +208,15 @@ def _described(item: Segment | Repeat) -> dict[str, Any]:
     if isinstance(item, Repeat):
         inner = [_described(segment) for segment in item.segments]
         return {'kind': 'repeat', 'times': item.times, 'segments': inner}
-    values = {entry.name: getattr(item, entry.name) for entry in fields(item)}
+    return segment_to_mapping(item)
+
+
+def segment_to_mapping(segment: Segment) -> dict[str, Any]:
+    """Return the mapping that describes a segment; what is left to its default is not in it."""
+    values = {name: getattr(segment, name) for name in bounded_names(type(segment))}
     plain = {
         name: list(value) if isinstance(value, tuple) else value
         for name, value in values.items()
         if value is not None
     }
-    return {'kind': item.kind, **plain}
+    return {'kind': segment.kind, **plain}

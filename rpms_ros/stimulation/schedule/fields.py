@@ -78,26 +78,22 @@ class Bound:
         return tuple(self._number(item, f'{place}[{i}]') for i, item in enumerate(value))
 
     def _number(self, value: object, place: str) -> float | int:
-        number = _finite(value)
-        inside = number is not None and self.low <= number <= self.high
-        if number is None or not inside or (self.above and number == self.low):
+        number = _number(value)
+        # written so that NaN is outside
+        inside = self.low <= number <= self.high and not (self.above and number == self.low)
+        if not inside or (self.whole and number != int(number)):
             raise DescriptionError(place, f'expected {self}, got {shown(value)}')
-        if not self.whole:
-            return number
-        if number != int(number):
-            raise DescriptionError(place, f'expected {self}, got {shown(value)}')
-        return int(number)
+        return int(number) if self.whole else number
 
 
-def _finite(value: object) -> float | None:
-    """Return a finite number or None; a text is not a number."""
+def _number(value: object) -> float:
+    """Return a number, NaN for what is none; a text is not a number."""
     if isinstance(value, bool) or not isinstance(value, int | float):
-        return None
+        return math.nan
     try:
-        number = float(value)
+        return float(value)
     except OverflowError:
-        return None
-    return number if math.isfinite(number) else None
+        return math.nan
 
 
 def bounded(bound: Bound, default: Any = MISSING) -> Any:
@@ -163,20 +159,6 @@ def read_text(content: Mapping[str, object], key: str, place: str, longest: int)
             f'got {shown(value) if value is not None else "nothing"}',
         )
     return text
-
-
-def read_flag(content: Mapping[str, object], key: str, place: str, default: bool) -> bool:
-    """Return a flag; only ``true`` and ``false`` are ones.
-
-    Raises
-    ------
-    DescriptionError
-        If it is something else.
-    """
-    value = content.get(key, default)
-    if not isinstance(value, bool):
-        raise DescriptionError(join(place, key), f'expected true or false, got {shown(value)}')
-    return value
 
 
 def build(

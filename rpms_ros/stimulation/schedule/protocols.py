@@ -25,7 +25,6 @@ from rpms_ros.stimulation.schedule.segments import (
 
 PAPER_RATE_HZ = 20.0
 PAPER_DURATION_S = 90.0
-PAPER_PERIOD_S = 9.0
 
 
 def paper_random(
@@ -39,7 +38,7 @@ def paper_random(
 def paper_sinusoid(
     duration_s: float = PAPER_DURATION_S,
     rate_hz: float = PAPER_RATE_HZ,
-    period_s: float = PAPER_PERIOD_S,
+    period_s: float = 9.0,
     catch_share: float | None = None,
     seed: int = 0,
 ) -> Schedule:

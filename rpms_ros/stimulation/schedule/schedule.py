@@ -34,9 +34,8 @@ from rpms_ros.strict_yaml import shown
 # One pulse in 1000 s; bounded below so that no onset leaves the range of an integer.
 LOWEST_RATE_HZ = 1e-3
 HIGHEST_RATE_HZ = 1000.0
-SHORTEST_S = 1e-6
 LONGEST_S = 86_400.0
-DURATION = Bound(SHORTEST_S, LONGEST_S, 's')
+DURATION = Bound(1e-6, LONGEST_S, 's')
 
 
 @dataclass(frozen=True)
@@ -216,7 +215,20 @@ class Schedule(Bounded):
     @cached_property
     def plan(self) -> Plan:
         """All pulses; the same for the same description and seed."""
-        return _worked_out(self)
+        random, end_ns = np.random.default_rng(self.seed), 0
+        empty = np.empty(0, dtype=np.int64)
+        parts: list[tuple[IntArray, FloatArray, IntArray]] = [(empty, np.empty(0), empty)]
+        for owner, item in enumerate(self.segments):
+            for piece in _unrolled(item):
+                onset_ns = piece.onsets_ns()
+                values = piece.intensities(onset_ns / NANOSECONDS_PER_SECOND, random)
+                owners = np.full(len(onset_ns), owner, dtype=np.int64)
+                parts.append((onset_ns + end_ns, np.clip(values, 0.0, 1.0), owners))
+                end_ns += nanoseconds(piece.length_s)
+        onset_ns, intensity, segment = (np.concatenate(part) for part in zip(*parts, strict=True))
+        plan = Plan(onset_ns, intensity, segment, end_ns)
+        _refuse_disorder(plan)
+        return plan
 
     def pulses(self, start_ns: int = 0) -> PulseTrain:
         """Return the pulses of the schedule when it starts at ``start_ns`` [ns]."""
@@ -236,23 +248,6 @@ def _unrolled(item: Segment | Repeat) -> Iterator[Segment]:
     for _ in range(item.times):
         for inner in item.segments:
             yield from _unrolled(inner)
-
-
-def _worked_out(schedule: Schedule) -> Plan:
-    random, end_ns = np.random.default_rng(schedule.seed), 0
-    empty = np.empty(0, dtype=np.int64)
-    parts: list[tuple[IntArray, FloatArray, IntArray]] = [(empty, np.empty(0), empty)]
-    for owner, item in enumerate(schedule.segments):
-        for piece in _unrolled(item):
-            onset_ns = piece.onsets_ns()
-            values = piece.intensities(onset_ns / NANOSECONDS_PER_SECOND, random)
-            owners = np.full(len(onset_ns), owner, dtype=np.int64)
-            parts.append((onset_ns + end_ns, np.clip(values, 0.0, 1.0), owners))
-            end_ns += nanoseconds(piece.length_s)
-    onset_ns, intensity, segment = (np.concatenate(part) for part in zip(*parts, strict=True))
-    plan = Plan(onset_ns, intensity, segment, end_ns)
-    _refuse_disorder(plan)
-    return plan
 
 
 def _refuse_disorder(plan: Plan) -> None:

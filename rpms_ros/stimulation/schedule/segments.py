@@ -13,7 +13,7 @@ as often as the others (zero once less) and the sequence is uncorrelated with it
 
 import math
 from abc import abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import ClassVar
 
@@ -21,7 +21,7 @@ import numpy as np
 
 from rpms_ros.errors import StimulationError
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray
-from rpms_ros.stimulation.schedule.fields import Bound, bounded, share
+from rpms_ros.stimulation.schedule.fields import Bound, Bounded, bounded, share
 from rpms_ros.stimulation.schedule.schedule import (
     DURATION,
     HIGHEST_RATE_HZ,
@@ -38,10 +38,17 @@ SEED = Bound(0, 2**53, whole=True, optional=True)
 _PERIOD_SLACK = 1e-6
 
 
-def refuse_swapped(low: float, high: float) -> None:
-    """Raise StimulationError unless ``low`` <= ``high``."""
-    if low > high:
-        raise StimulationError(f'expected low <= high, got {low:g} and {high:g}')
+@dataclass(frozen=True)
+class Between(Bounded):
+    """Intensities from ``low`` to ``high``: fields of several kinds of segments."""
+
+    low: float = share(0.0)
+    high: float = share(1.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.low > self.high:
+            raise StimulationError(f'expected low <= high, got {self.low:g} and {self.high:g}')
 
 
 @dataclass(frozen=True)
@@ -60,9 +67,7 @@ class Repetitive(Segment):
 
     rate_hz: float = bounded(RATE)
     duration_s: float = bounded(DURATION)
-    final_rate_hz: float | None = bounded(
-        Bound(LOWEST_RATE_HZ, HIGHEST_RATE_HZ, 'Hz', optional=True), None
-    )
+    final_rate_hz: float | None = bounded(replace(RATE, optional=True), None)
 
     @property
     def pulse_count(self) -> int:
@@ -154,17 +159,11 @@ class Staircase(Gradual):
 
 
 @dataclass(frozen=True)
-class Sinusoid(Gradual):
+class Sinusoid(Between, Gradual):
     """Intensity between ``low`` and ``high``, starting at ``low`` (Sec. 3.3.1: period 9 s)."""
 
     kind: ClassVar[str] = 'sinusoid'
-    low: float = share(0.0)
-    high: float = share(1.0)
     period_s: float = bounded(DURATION, 9.0)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        refuse_swapped(self.low, self.high)
 
     def course(self, onset_s: FloatArray) -> FloatArray:
         """Return low + (high - low) (1 - cos(2 pi t / period)) / 2."""
@@ -173,17 +172,11 @@ class Sinusoid(Gradual):
 
 
 @dataclass(frozen=True)
-class UniformRandom(Repetitive):
+class UniformRandom(Between, Repetitive):
     """Independent intensities, uniform between ``low`` and ``high`` (Eq. 29)."""
 
     kind: ClassVar[str] = 'uniform_random'
-    low: float = share(0.0)
-    high: float = share(1.0)
     seed: int | None = bounded(SEED, None)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        refuse_swapped(self.low, self.high)
 
     def intensities(self, onset_s: FloatArray, random: np.random.Generator, /) -> FloatArray:
         """Return draws from ``random``, or from the segment's own seed if it has one."""
@@ -254,28 +247,13 @@ class Doublet(PulseBurst):
     count: int = bounded(Bound(2, 2, whole=True), 2)
 
 
-PRIMES = (2, 3, 5, 7)
-
-
-# Coefficients of a primitive polynomial for each number of levels and of cells: to look for them
-# takes seconds.
-FEEDBACK: dict[tuple[int, int], tuple[int, ...]] = {
-    (2, 1): (1,),
-    (2, 2): (1, 1),
-    (2, 3): (1, 0, 1),
-    (2, 4): (1, 0, 0, 1),
-    (3, 1): (2,),
-    (3, 2): (1, 1),
-    (3, 3): (2, 0, 1),
-    (3, 4): (1, 0, 0, 1),
-    (5, 1): (2,),
-    (5, 2): (2, 2),
-    (5, 3): (2, 0, 1),
-    (5, 4): (2, 0, 2, 1),
-    (7, 1): (3,),
-    (7, 2): (2, 2),
-    (7, 3): (3, 0, 1),
-    (7, 4): (2, 0, 1, 1),
+# Coefficients of a primitive polynomial for each number of levels and, in the order of their
+# number, of cells: to look for them takes seconds.
+FEEDBACK: dict[int, tuple[tuple[int, ...], ...]] = {
+    2: ((1,), (1, 1), (1, 0, 1), (1, 0, 0, 1)),
+    3: ((2,), (1, 1), (2, 0, 1), (1, 0, 0, 1)),
+    5: ((2,), (2, 2), (2, 0, 1), (2, 0, 2, 1)),
+    7: ((3,), (2, 2), (3, 0, 1), (2, 0, 1, 1)),
 }
 
 
@@ -286,39 +264,27 @@ def maximal_sequence(symbols: int, order: int) -> tuple[int, ...]:
     Parameters
     ----------
     symbols : int
-        Number of levels q, a prime.
+        Number of levels q: 2, 3, 5 or 7.
     order : int
-        Cells of the shift register.
+        Cells of the shift register, 1 to 4.
 
     Returns
     -------
     tuple of int, length symbols**order - 1
         Symbols 0 .. q-1.
     """
-    feedback = FEEDBACK.get((symbols, order))
-    if feedback is None:
-        raise StimulationError(
-            f'expected 2, 3, 5 or 7 levels and 1 to 4 cells, got {symbols} and {order}'
-        )
-    return _run(feedback, symbols, symbols**order - 1)
-
-
-def _run(feedback: tuple[int, ...], symbols: int, longest: int) -> tuple[int, ...]:
-    """Return the symbols until the register's first state comes back, at most ``longest``."""
-    start = (0,) * (len(feedback) - 1) + (1,)
-    state = start
+    feedback = FEEDBACK[symbols][order - 1]
+    state = (0,) * (order - 1) + (1,)
     sequence = []
-    for _ in range(longest):
+    for _ in range(symbols**order - 1):
         sequence.append(state[0])
         new = sum(c * s for c, s in zip(feedback, state, strict=True)) % symbols
         state = (*state[1:], new)
-        if state == start:
-            return tuple(sequence)
-    return ()
+    return tuple(sequence)
 
 
 @dataclass(frozen=True)
-class MultilevelPRBS(Repetitive):
+class MultilevelPRBS(Between, Repetitive):
     """A maximal-length sequence of ``level_count`` levels from ``low`` to ``high``.
 
     Attributes
@@ -334,8 +300,6 @@ class MultilevelPRBS(Repetitive):
     """
 
     kind: ClassVar[str] = 'multilevel_prbs'
-    low: float = share(0.0)
-    high: float = share(1.0)
     level_count: int = bounded(Bound(2, 7, whole=True), 5)
     order: int = bounded(Bound(1, 4, whole=True), 3)
     hold_pulses: int = bounded(Bound(1, 100_000, whole=True), 1)
@@ -343,8 +307,7 @@ class MultilevelPRBS(Repetitive):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        refuse_swapped(self.low, self.high)
-        if self.level_count not in PRIMES:
+        if self.level_count not in FEEDBACK:
             raise StimulationError(
                 f'expected a level_count of 2, 3, 5 or 7, got {self.level_count}'
             )
