@@ -241,9 +241,9 @@ class DoseTotals(NamedTuple):
 class _Entry:
     time_ns: int
     energy_j: float
-    counts: bool = True
     # batch and index within it, on the disk
-    place: tuple[str, int] = '', 0
+    place: tuple[str, int]
+    counts: bool = True
 
 
 class MemoryLedger:
@@ -262,7 +262,7 @@ class MemoryLedger:
     ) -> None:
         self._dose = dose
         self._clock = clock
-        self._counting = threading.Lock()
+        self._writing, self._counting = threading.Lock(), threading.Lock()
         self._entries: deque[_Entry] = deque()
         self._open: dict[int, _Entry] = {}
         self._numbers = 0
@@ -301,13 +301,16 @@ class MemoryLedger:
         ------
         LedgerError
             If they cannot be counted; DoseExceeded if they are more than the patient may get.
+            None of them may be fired then.
         """
-        self.check(len(pulses), sum(pulse.energy_j for pulse in pulses))
-        entries = self._count(pulses)
-        with self._counting:
-            first, self._numbers = self._numbers, self._numbers + len(entries)
-            self._open.update(enumerate(entries, first))
-        return range(first, self._numbers)
+        with self._writing:
+            self.check(len(pulses), sum(pulse.energy_j for pulse in pulses))
+            # on the disk before they are counted
+            entries = self._counted(pulses, self._write(pulses) if pulses else '')
+            with self._counting:
+                first, self._numbers = self._numbers, self._numbers + len(entries)
+                self._open.update(enumerate(entries, first))
+                return range(first, self._numbers)
 
     def take(self, number: int) -> None:
         """Note that a reserved pulse is triggered now; each can be taken once.
@@ -334,9 +337,20 @@ class MemoryLedger:
         Raises
         ------
         LedgerError
-            If one of them is not reserved or was taken.
+            If one of them is not reserved or was taken, or the files cannot be written.
         """
-        self._give_back(numbers)
+        with self._writing:
+            with self._counting:
+                given = list(self._open if numbers is None else dict.fromkeys(numbers))
+                wrong = [number for number in given if number not in self._open]
+                if wrong:
+                    fault = f'expected reserved pulses to give back, got numbers {wrong}'
+                    raise LedgerError(fault)
+                entries = [self._open.pop(number) for number in given]
+                for entry in entries:
+                    self._drop(entry)
+            if entries:
+                self._write_unfired([entry.place for entry in entries])
 
     def count(self, pulses: Sequence[BookedPulse]) -> None:
         """Count pulses that were given, whatever the patient may get.
@@ -346,7 +360,9 @@ class MemoryLedger:
         LedgerError
             If they cannot be written.
         """
-        self._count(pulses)
+        with self._writing:
+            self._counted(pulses)
+            self._write(pulses)
 
     def totals(self) -> DoseTotals:
         """Return what the patient got within the window of the dose, reserved pulses included."""
@@ -367,8 +383,19 @@ class MemoryLedger:
     def __exit__(self, *exception: object) -> None:
         self.close()
 
-    def _count(self, pulses: Iterable[BookedPulse]) -> list[_Entry]:
-        entries = [_Entry(pulse.time_ns, pulse.energy_j) for pulse in pulses]
+    def _write(self, pulses: Sequence[BookedPulse]) -> str:
+        """Put pulses on the disk, where there is one; return the identifier of the batch."""
+        del pulses
+        return ''
+
+    def _write_unfired(self, places: list[tuple[str, int]]) -> None:
+        """Put on the disk, where there is one, which pulses of which batches were given back."""
+
+    def _counted(self, pulses: Iterable[BookedPulse], batch: str = '') -> list[_Entry]:
+        entries = [
+            _Entry(pulse.time_ns, pulse.energy_j, (batch, index))
+            for index, pulse in enumerate(pulses)
+        ]
         with self._counting:
             if self._dose is not None:
                 self._entries.extend(entries)
@@ -376,17 +403,6 @@ class MemoryLedger:
             for entry in entries:
                 self._energy_j += entry.energy_j
         return entries
-
-    def _give_back(self, numbers: Iterable[int] | None) -> list[_Entry]:
-        with self._counting:
-            given = list(self._open if numbers is None else dict.fromkeys(numbers))
-            wrong = [number for number in given if number not in self._open]
-            if wrong:
-                raise LedgerError(f'expected reserved pulses to give back, got numbers {wrong}')
-            entries = [self._open.pop(number) for number in given]
-            for entry in entries:
-                self._drop(entry)
-            return entries
 
     def _drop(self, entry: _Entry) -> None:
         """Stop counting a pulse that has left the window, or was given back."""
@@ -431,7 +447,6 @@ class DoseLedger(MemoryLedger):
         self.device, self.patient = device, patient
         self._session = secrets.token_hex(4)
         self._batches = 0
-        self._writing = threading.Lock()
         self._files: list[ChainedFile] = []
         self._broken: str | None = None
         self._opened_ns = self._clocks.boot_ns()
@@ -449,7 +464,7 @@ class DoseLedger(MemoryLedger):
             self.close()
             raise LedgerError(str(fault)) from fault
         past = self.history(self._clocks.monotonic_ns())
-        self._count(pulse for pulse in past if pulse.on_patient)
+        self._counted(pulse for pulse in past if pulse.on_patient)
 
     def history(self, now_monotonic_ns: int) -> tuple[BookedPulse, ...]:
         """Return the pulses of earlier processes that may still count, oldest first.
@@ -471,44 +486,6 @@ class DoseLedger(MemoryLedger):
             for pulse in self._past
         )
 
-    def reserve(self, pulses: Sequence[BookedPulse]) -> range:
-        """Put pulses that are going to be fired on the disk; return a number for each.
-
-        Raises
-        ------
-        LedgerError
-            If they cannot be written; DoseExceeded if they are more than the patient may get.
-            None of them may be fired then.
-        """
-        with self._writing:
-            self.check(len(pulses), sum(pulse.energy_j for pulse in pulses))
-            if not pulses:
-                return range(0)
-            batch = self._write(pulses)
-            numbers = super().reserve(pulses)
-            for index, number in enumerate(numbers):
-                self._open[number].place = batch, index
-            return numbers
-
-    def count(self, pulses: Sequence[BookedPulse]) -> None:
-        """Put pulses that were given on the disk, whatever the patient may get."""
-        with self._writing:
-            self._count(pulses)
-            self._write(pulses)
-
-    def settle(self, numbers: Iterable[int] | None = None) -> None:
-        """Give reserved pulses back that were not taken, so certainly never triggered.
-
-        Raises
-        ------
-        LedgerError
-            If one of them is not reserved or was taken, or the files cannot be written.
-        """
-        with self._writing:
-            places = [entry.place for entry in self._give_back(numbers)]
-            if places:
-                self._append(SETTLE, {'unfired': places}, sync=False)
-
     def close(self) -> None:
         """Give back what was not taken and close the files; may be called again."""
         # what cannot be given back any more counts as delivered
@@ -529,6 +506,9 @@ class DoseLedger(MemoryLedger):
         parties = {'device': self.device, 'patient': self.patient}
         self._append(RESERVE, {'batch': batch, **parties, 'pulses': rows})
         return batch
+
+    def _write_unfired(self, places: list[tuple[str, int]]) -> None:
+        self._append(SETTLE, {'unfired': places}, sync=False)
 
     def _append(self, kind: str, fields: Mapping[str, Any], sync: bool = True) -> None:
         if self._broken is not None:
