@@ -38,7 +38,7 @@ def train(port, rate_hz, beat_limit_s, say, answer_limit_s=0.15):
             except TooLate:
                 due = time.monotonic_ns()
             if not told:
-                say(f'guard {device.guard_pid}')
+                say(f'guard {device._line._guard.pid}')
                 told = True
             due += period
     except DeviceError as error:

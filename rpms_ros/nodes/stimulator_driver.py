@@ -96,10 +96,6 @@ def refuse_simulated_time(node: Node) -> None:
     node.add_on_set_parameters_callback(check)
 
 
-_TICK_S = 0.05
-_SIGN_S = 0.01
-
-
 class StimulatorDriver(LifecycleNode):
     """Driver of one stimulator; keyword arguments go to `rclpy.node.Node`."""
 
@@ -133,7 +129,7 @@ class StimulatorDriver(LifecycleNode):
         self.buttons = StopButtons(
             settings.stop_button_timeout, settings.require_stop_button, settings.stop_buttons
         )
-        device = settings.hardware
+        device = settings.device if settings.simulated else f'{settings.device} {settings.port}'
         self._active = False
         # started once there are enough subscribers, without an operator
         self._autostart: Schedule | None = None
@@ -167,8 +163,8 @@ class StimulatorDriver(LifecycleNode):
             )
         self.create_service(Trigger, topics.RESET_EMERGENCY_STOP, self._on_reset)
         follow_parameters(self, settings, self._on_bound, self._allow_bound)
-        every(self, _SIGN_S, lambda: self.controller.seen(EXECUTOR))
-        every(self, _TICK_S, self._guarded_tick)
+        every(self, 0.01, lambda: self.controller.seen(EXECUTOR))
+        every(self, 0.05, self._guarded_tick)
         # a bound method, which rclpy holds weakly
         self.context.on_shutdown(self._on_context_shutdown)
 

@@ -155,7 +155,7 @@ LONG = constant(0.5, 60.0, 50.0)
 class DriverBench:
     """A driver, and a node that asks, listens and stops; `operator` is who arms, if anybody."""
 
-    def __init__(self, graph, button=False, operator='', **parameters):
+    def __init__(self, graph, button=False, operator='', configured=False, **parameters):
         self.graph = graph
         # a machine under load may stall for longer than the default allows
         patient = {
@@ -189,6 +189,8 @@ class DriverBench:
         if button:
             # one that is seen before it is heard stops
             self.knows('/other')
+        if configured:
+            assert self.change(Transition.TRANSITION_CONFIGURE)
 
     def ask(self, future):
         self.graph.wait_for(future.done)

@@ -7,9 +7,9 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 
 import pytest
-from lifecycle_msgs.msg import Transition
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.parameter import Parameter
 
@@ -54,14 +54,8 @@ until(lambda: False)
 @pytest.fixture
 def clinic(driver_bench):
     """Make a driver that asks for operator and button, has both, and is configured."""
-
-    def make(**parameters):
-        wanted = {'button': True, 'operator': 'ada', 'require_stop_button': True}
-        bench = driver_bench(**wanted, **parameters)
-        assert bench.change(Transition.TRANSITION_CONFIGURE)
-        return bench
-
-    return make
+    both = {'button': True, 'operator': 'ada', 'require_stop_button': True}
+    return partial(driver_bench, configured=True, **both)
 
 
 def outcome(lab, client, schedule):
@@ -82,7 +76,7 @@ def full(path, monkeypatch):
 
 def test_two_steps_arm_and_a_goal_of_the_operator_runs(clinic):
     lab = clinic()
-    assert not lab.change(Transition.TRANSITION_ACTIVATE)
+    assert not lab.arms()
     lab.graph.wait_for(lambda: 'expected an operator to request and to' in lab.statuses[-1].reason)
     lab.run()
     assert lab.statuses[-1].operator_id == 'ada'
@@ -107,7 +101,7 @@ def test_a_confirmation_that_did_not_arm_lets_nobody_arm_instead(clinic):
     lab.graph.wait_for(lambda: bool(lab.ada.token))
     lab.graph.wait_for(lambda: 'latched stop' in lab.ask(lab.ada.confirm()).message)
     lab.controller.reset()
-    assert not lab.change(Transition.TRANSITION_ACTIVATE)
+    assert not lab.arms()
     assert lab.controller.state.name == 'DISARMED'
     # the token can be confirmed again in its time
     assert lab.ask(lab.ada.confirm()).success
@@ -146,8 +140,7 @@ def test_silence_of_the_operator_stops(clinic):
     lab = clinic(heartbeat_timeout=3.0)
     handle = lab.run()
     lab.ada.timer.cancel()
-    reason = lab.wait_for_state(DriverStatus.STOPPED)
-    assert reason.startswith('expected a heartbeat of ada within 3 s, got none for')
+    assert lab.stopped().startswith('expected a heartbeat of ada within 3 s, got none for')
     result = lab.ask(handle.get_result_async()).result
     assert result.error_code == CODES.INTERLOCK
     assert result.reason.startswith('expected a heartbeat of ada within 3 s, got none for')
@@ -158,8 +151,7 @@ def test_a_second_process_with_the_token_stops(clinic):
     lab.run()
     eve = OperatorClient(lab.other, 'ada')
     eve.token, eve.enable = lab.ada.token, True
-    reason = lab.wait_for_state(DriverStatus.STOPPED)
-    assert reason.startswith('expected one process with this token, got heartbeats of two')
+    assert lab.stopped().startswith('expected one process with this token, got heartbeats of two')
     eve.destroy()
 
 
@@ -204,8 +196,7 @@ def test_a_second_driver_of_this_name_stops_both(clinic, graph):
     lab = clinic()
     lab.run()
     second = graph.add(StimulatorDriver, require_operator=False, require_stop_button=False)
-    reason = lab.wait_for_state(DriverStatus.STOPPED)
-    assert reason.startswith('expected one driver /stimulator_driver, got 2')
+    assert lab.stopped().startswith('expected one driver /stimulator_driver, got 2')
     second.controller.configure()
     graph.wait_for(lambda: second.controller.interlocks.problem(time.monotonic_ns()) is not None)
 
@@ -218,8 +209,7 @@ def test_a_second_driver_of_one_action_stops(clinic, graph):
         return StimulatorDriver(**options, cli_args=['--ros-args', '-r', '__node:=left_driver'])
 
     graph.add(other, require_operator=False, require_stop_button=False)
-    reason = lab.wait_for_state(DriverStatus.STOPPED)
-    assert reason == 'expected one driver that serves /run_schedule, got 2'
+    assert lab.stopped() == 'expected one driver that serves /run_schedule, got 2'
 
 
 def test_the_bound_on_the_intensity_is_lowered_and_never_raised_while_armed(clinic):
@@ -268,7 +258,6 @@ def test_a_change_of_the_bound_that_is_refused_with_another_one_changes_nothing(
 
 
 def test_who_did_what_is_written_down(clinic, tmp_path):
-
     path = tmp_path / 'audit.jsonl'
     lab = clinic(audit_log=str(path))
     lab.refusal()

@@ -4,9 +4,9 @@
 
 import threading
 import time
+from functools import partial
 
 import pytest
-from lifecycle_msgs.msg import Transition
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Bool
@@ -26,13 +26,7 @@ BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 @pytest.fixture
 def new_ward(driver_bench):
     """Make a driver that asks for a stop button, and is configured."""
-
-    def make(**parameters):
-        bench = driver_bench(**{'require_stop_button': True, **parameters})
-        assert bench.change(Transition.TRANSITION_CONFIGURE)
-        return bench
-
-    return make
+    return partial(driver_bench, require_stop_button=True, configured=True)
 
 
 def test_without_a_button_nothing_is_armed(new_ward):

@@ -167,7 +167,7 @@ def test_second_goal_is_refused_and_cancel_stops_the_first(driver_bench, graph):
     assert not answer.result.completed
     assert lab.driver.controller.run.ended
     assert not lab.driver.controller.device.armed
-    lab.graph.wait_for(lambda: lab.change(Transition.TRANSITION_ACTIVATE))
+    lab.graph.wait_for(lambda: lab.arms())
     assert lab.result(lab.send(SHORT)).status == GoalStatus.STATUS_SUCCEEDED
 
 

@@ -54,10 +54,10 @@ def theatre(driver_bench, instrument, real, monkeypatch):
         button=True,
         operator='ada',
         require_stop_button=True,
+        configured=True,
         port=fake.port,
         **real,
     )
-    assert bench.change(Transition.TRANSITION_CONFIGURE)
     return fake, bench
 
 

@@ -95,15 +95,15 @@ def test_service_stops_in_every_state(driver_bench):
     assert bench.call(bench.stop).success
     bench.wait_for_state(DriverStatus.STOPPED)
     assert bench.change(Transition.TRANSITION_CONFIGURE)
-    assert not bench.change(Transition.TRANSITION_ACTIVATE)
-    assert bench.call(bench.reset).success
-    assert bench.change(Transition.TRANSITION_ACTIVATE)
+    assert not bench.arms()
+    assert bench.resets().success
+    assert bench.arms()
     bench.wait_for_state(DriverStatus.ARMED)
     assert bench.call(bench.stop).success
     bench.wait_for_state(DriverStatus.STOPPED)
     # the life cycle follows: not active any more
-    assert bench.call(bench.reset).success
-    assert bench.change(Transition.TRANSITION_ACTIVATE)
+    assert bench.resets().success
+    assert bench.arms()
 
 
 @pytest.mark.parametrize(
@@ -122,16 +122,12 @@ def test_force_over_the_limit_stops(driver_bench, graph, force, quantity, unit):
         bench.sensor.publish(message)
 
     bench.other.create_timer(0.02, feel)
-    assert bench.change(Transition.TRANSITION_CONFIGURE)
-    graph.wait_for(lambda: bench.change(Transition.TRANSITION_ACTIVATE))
-    bench.send()
-    graph.wait_for(lambda: bool(bench.pulses))
+    bench.run()
     felt[0] = force
-    bench.wait_for_state(DriverStatus.STOPPED)
-    assert f'force_limit: expected at most 100 {unit}, got' in bench.statuses[-1].reason
-    assert not bench.call(bench.reset).success
+    assert f'force_limit: expected at most 100 {unit}, got' in bench.stopped()
+    assert not bench.resets().success
     felt[0] = 10.0
-    graph.wait_for(lambda: bench.call(bench.reset).success)
+    graph.wait_for(lambda: bench.resets().success)
 
 
 @pytest.mark.parametrize(
@@ -154,8 +150,7 @@ def test_force_that_is_frozen_foreign_or_of_yesterday_is_no_sign_of_life(
     bench.other.create_timer(0.02, lambda: sensor.publish(wrench(10.0, **how[0]())))
     bench.activate()
     how[0] = dead
-    bench.wait_for_state(DriverStatus.STOPPED)
-    assert 'force: expected a sign of life within 3 s' in bench.statuses[-1].reason
+    assert 'force: expected a sign of life within 3 s' in bench.stopped()
     assert bench.controller.fault_counts()['force_refused'] > 0
 
 
@@ -168,8 +163,7 @@ def test_a_sample_over_the_limit_stops_also_if_it_is_no_sign_of_life(driver_benc
     bench.other.create_timer(0.02, lambda: sensor.publish(felt[0]))
     bench.activate()
     felt[0] = wrench(150.0, frame='ankle')
-    bench.wait_for_state(DriverStatus.STOPPED)
-    assert 'force_limit: expected at most 100 N, got 150 N' in bench.statuses[-1].reason
+    assert 'force_limit: expected at most 100 N, got 150 N' in bench.stopped()
 
 
 def test_shutdown_of_the_life_cycle_disarms_and_closes_the_device(driver_bench):
@@ -182,11 +176,9 @@ def test_shutdown_of_the_life_cycle_disarms_and_closes_the_device(driver_bench):
     assert (device.opened, device.armed, device.intensity) == (False, False, 0.0)
 
 
-def test_shutdown_of_the_context_stops_the_pulses(driver_bench, graph):
+def test_shutdown_of_the_context_stops_the_pulses(driver_bench):
     lab = driver_bench()
-    lab.activate()
-    lab.send(LONG)
-    graph.wait_for(lambda: bool(lab.pulses))
+    lab.run()
     lab.graph.context.try_shutdown()
     assert lab.driver.controller.run.ended
     assert not lab.driver.controller.device.armed
@@ -228,23 +220,22 @@ def test_fault_of_the_device_ends_in_the_safe_state(driver_bench, graph, faults,
     assert reason in bench.statuses[-1].reason
     assert not bench.controller.device.armed
     assert bench.refusal()[0] == RunSchedule.Result.WRONG_STATE
-    assert not bench.change(Transition.TRANSITION_ACTIVATE)
+    assert not bench.arms()
     levels = (DiagnosticStatus.ERROR,)
     graph.wait_for(lambda: bench.diagnostics[-1].status[0].level in levels)
     bench.controller.device.faults = SimulatedFaults()
     assert bench.change(Transition.TRANSITION_CLEANUP)
     assert bench.change(Transition.TRANSITION_CONFIGURE)
     # the button has to be heard again
-    graph.wait_for(lambda: bench.change(Transition.TRANSITION_ACTIVATE))
+    graph.wait_for(lambda: bench.arms())
 
 
 def test_temperature_over_the_limit_stops(driver_bench):
     bench = driver_bench(button=True)
     bench.run()
     bench.controller.device.faults = SimulatedFaults(heating_per_pulse=1.0)
-    bench.wait_for_state(DriverStatus.STOPPED)
-    assert 'temperature: expected at most 40 Celsius' in bench.statuses[-1].reason
-    assert not bench.call(bench.reset).success
+    assert 'temperature: expected at most 40 Celsius' in bench.stopped()
+    assert not bench.resets().success
 
 
 def test_deaf_driver_of_a_blocked_executor_does_not_fire(driver_bench):

@@ -12,14 +12,11 @@ from rpms_ros.stimulation.devices import SimulatedDevice
 from rpms_ros.stimulation.devices.serial_line import SerialDevice
 from rpms_ros.stimulation.driver.controller import ControllerThreads, StimulationController
 from rpms_ros.stimulation.driver.safety_monitor import EMERGENCY_STOP, EXECUTOR, HEARTBEAT
-from rpms_ros.stimulation.driver.states import DriverSettings, State
+from rpms_ros.stimulation.driver.states import POSSIBLE, DriverSettings, State
 from rpms_ros.stimulation.limits.device_specification import load_device_specification
 from rpms_ros.stimulation.records.dose_ledger import DoseLedger
 
-MILLISECOND = 1_000_000
 SECOND = 1_000_000_000
-
-
 CALLS = ('open', 'arm', 'prepare', 'fire', 'keep_alive', 'beat', 'rest', 'silence', 'close')
 
 
@@ -121,14 +118,6 @@ class Driver:
         self.alive = True
         self.look()
 
-    @property
-    def faults(self):
-        return self.device.faults
-
-    @faults.setter
-    def faults(self, faults):
-        self.device.faults = faults
-
     def look(self):
         """Let executor and supervisor have their turn."""
         if self.alive:
@@ -170,12 +159,15 @@ class Driver:
 
 
 @pytest.fixture
-def controller_of(tmp_path, any_lateness):
-    """Build a controller of a simulated instrument on a line, for a device specification."""
+def armed_on_the_line(tmp_path, any_lateness):
+    """Arm a controller of a simulated instrument on a line, for a device specification.
+
+    Return it, its threads, and what keeps its executor alive.
+    """
     del any_lateness
 
-    def build(fake, specification):
-        return StimulationController(
+    def arm(fake, specification):
+        controller = StimulationController(
             SerialDevice(fake.port, timeout_s=5.0, beat_limit_s=20.0),
             dataclasses.replace(specification, serial_number='rapid2'),
             # a machine under load may hold up a thread or two
@@ -188,16 +180,6 @@ def controller_of(tmp_path, any_lateness):
             ),
             ledger=DoseLedger(tmp_path, 'rapid2', 'test'),
         )
-
-    return build
-
-
-@pytest.fixture
-def armed_on_the_line(controller_of):
-    """Arm a controller; return it, its threads, and what keeps its executor alive."""
-
-    def arm(fake, specification):
-        controller = controller_of(fake, specification)
         threads = ControllerThreads(controller)
         threads.start()
         controller.configure()
@@ -234,22 +216,19 @@ def driver_in(virtual):
     """Return a driver that came to a state in the ordinary way."""
 
     def build(state):
-        return brought_to(state, virtual())
+        driver = virtual()
+        if state is not State.UNCONFIGURED:
+            driver.controller.configure()
+        if state is State.FAULT:
+            driver.controller.fail('test', 'a test')
+        if state in POSSIBLE:
+            driver.controller.arm()
+        if state is State.RUNNING:
+            driver.controller.start(constant(0.5, 0.5, 20.0))
+        assert driver.controller.state is state
+        return driver
 
     return build
-
-
-def brought_to(state, driver):
-    if state is not State.UNCONFIGURED:
-        driver.controller.configure()
-    if state is State.FAULT:
-        driver.controller.fail('test', 'a test')
-    if state in (State.ARMED, State.RUNNING):
-        driver.controller.arm()
-    if state is State.RUNNING:
-        driver.controller.start(constant(0.5, 0.5, 20.0))
-    assert driver.controller.state is state
-    return driver
 
 
 @pytest.fixture

@@ -12,6 +12,7 @@ from rpms_ros.stimulation.driver.states import State
 SHORT = constant(0.5, 0.5, 20.0)
 SECOND = 1_000_000_000
 MILLISECOND = 1_000_000
+VANISHED = DeviceError('expected the device, got nothing')
 
 
 class Unheard(Exception):
@@ -54,7 +55,7 @@ def assert_safe(driver, state=State.FAULT):
     with pytest.raises(StimulationError, match='arm: expected state DISARMED'):
         controller.arm()
     device.instead.clear()
-    driver.faults = SimulatedFaults()
+    driver.device.faults = SimulatedFaults()
     controller.cleanup()
     assert controller.state is State.UNCONFIGURED
     controller.configure()
@@ -72,10 +73,6 @@ def stalls(driver, seconds, looks_then):
             driver.controller.supervise()
 
     return call
-
-
-def vanished():
-    raise DeviceError('expected the device, got nothing')
 
 
 @pytest.mark.parametrize('call', ['prepare', 'fire', 'keep_alive', 'rest', 'beat'])
@@ -198,7 +195,7 @@ def test_a_machine_that_stood_still_is_no_device_that_hangs_but_at_the_second_lo
 )
 def test_what_the_device_says_stops_before_the_next_pulse(running, flag, name):
     faults = SimulatedFaults(**{flag: True})
-    right_after_a_pulse(running, lambda: setattr(running, 'faults', faults))
+    right_after_a_pulse(running, lambda: setattr(running.device, 'faults', faults))
     running.device.calls.clear()
     running.advance(0.5)
     assert 'fire' not in running.device.calls
@@ -213,7 +210,7 @@ def test_what_the_device_says_at_the_trigger_stops_too(running):
     fire = type(driver.device).fire
 
     def late_flag(*arguments):
-        driver.faults = SimulatedFaults(coil_absent=True)
+        driver.device.faults = SimulatedFaults(coil_absent=True)
         return fire(driver.device, *arguments)
 
     driver.device.instead['fire'] = late_flag
@@ -221,14 +218,13 @@ def test_what_the_device_says_at_the_trigger_stops_too(running):
     assert 'expected a device in order with a coil' in driver.controller.reason
     # it was triggered, and nobody knows what came of it
     last = driver.fired[-1]
-    assert not last.answered
     assert last.delivery.unverified == frozenset(UNVERIFIED)
     assert_safe(driver)
 
 
 def test_foreign_intensity_stops_before_the_next_pulse(running):
     faults = SimulatedFaults(foreign_intensity=1.0)
-    right_after_a_pulse(running, lambda: setattr(running, 'faults', faults))
+    right_after_a_pulse(running, lambda: setattr(running.device, 'faults', faults))
     running.advance(0.5)
     assert len(running.device.commands) == 11
     assert running.controller.reason == 'expected intensity 0.5 from the device, got 1'
@@ -246,7 +242,7 @@ def test_pulse_without_an_answer_is_told_as_fired_and_unverified(running):
     running.advance(0.1)
     assert len(running.device.commands) == len(running.fired) == 11
     last = running.fired[-1]
-    assert (last.answered, last.delivery.intensity) == (False, 0.5)
+    assert last.delivery.intensity == 0.5
     assert last.delivery.unverified == frozenset(UNVERIFIED)
     assert running.controller.limiter.session_pulses == 11
     assert running.controller.run.delivered == 10
@@ -280,7 +276,7 @@ def test_difference_between_commanded_and_delivered_is_a_fault(faults, name, dri
     driver = driver_in(State.RUNNING)
     driver.advance(0.2)
     before = len(driver.device.commands)
-    driver.faults = faults
+    driver.device.faults = faults
     driver.advance(1.0)
     assert driver.controller.state is State.FAULT
     assert driver.controller.fault_counts() == {name: 1}
@@ -294,7 +290,7 @@ def test_difference_between_commanded_and_delivered_is_a_fault(faults, name, dri
 def test_device_that_vanishes_while_nothing_fires_is_noticed(driver_in):
     driver = driver_in(State.DISARMED)
     driver.device.keep_alive()
-    driver.controller.device.keep_alive = vanished
+    driver.device.instead['keep_alive'] = raising(VANISHED)
     driver.advance(1.0)
     assert driver.controller.state is State.FAULT
     assert 'expected the device, got nothing' in driver.controller.reason
@@ -302,7 +298,7 @@ def test_device_that_vanishes_while_nothing_fires_is_noticed(driver_in):
 
 def test_device_that_cannot_be_closed_is_let_go(driver_in):
     driver = driver_in(State.DISARMED)
-    driver.controller.device.close = vanished
+    driver.device.instead['close'] = raising(VANISHED)
     driver.controller.cleanup()
     assert driver.controller.state is State.UNCONFIGURED
     assert driver.controller.reason == 'device closed; expected the device, got nothing'
@@ -345,7 +341,7 @@ def test_hang_in_arming_is_noticed_and_never_armed(virtual):
 @pytest.mark.parametrize('flag', ['coil_absent', 'replace_coil', 'error'])
 def test_device_that_is_not_in_order_is_not_armed(virtual, flag):
     driver = virtual()
-    driver.faults = SimulatedFaults(**{flag: True})
+    driver.device.faults = SimulatedFaults(**{flag: True})
     with pytest.raises(DeviceError, match='expected a'):
         driver.armed()
     assert_safe(driver)

@@ -164,7 +164,7 @@ class Others:
         if kind == 0:
             driver.clock.now += int(random.integers(1, 800)) * 1_000_000
         elif kind == 1:
-            driver.faults = FAULTS[random.integers(len(FAULTS))]
+            driver.device.faults = FAULTS[random.integers(len(FAULTS))]
         elif kind == 2:
             driver.alive = not driver.alive
         elif kind == 3:
@@ -205,9 +205,8 @@ class Witness:
     def end(self, limits, dose, ledger):
         """Hold everything together against limits, dose and what was told."""
         driver = self.driver
-        told = [pulse for pulse in driver.fired if pulse.delivery is not None and pulse.answered]
-        assert [pulse.delivery for pulse in told] == self.given
-        for pulse in told:
+        assert [pulse.delivery for pulse in self.answered] == self.given
+        for pulse in self.answered:
             # a slow device takes its time after it was asked
             assert self.asked_ns[pulse.delivery.time_ns] - pulse.due_ns <= 10_000_000
         assert self.broken(limits) == set()
@@ -223,10 +222,15 @@ class Witness:
             assert driver.device.armed <= (driver.controller.state is State.ARMED)
 
     @property
+    def answered(self):
+        """The pulses that the device says it gave; of one without an answer nothing is sure."""
+        given = [pulse for pulse in self.driver.fired if pulse.delivery is not None]
+        return [pulse for pulse in given if not pulse.delivery.unverified]
+
+    @property
     def commands(self):
         """Time and what was asked for of each pulse; a device may do something else."""
-        told = [pulse for pulse in self.driver.fired if pulse.delivery and pulse.answered]
-        return [(pulse.delivery.time_ns, pulse.intensity) for pulse in told]
+        return [(pulse.delivery.time_ns, pulse.intensity) for pulse in self.answered]
 
     def broken(self, limits):
         """Return the limits that are broken; a pulse that the device held up counts anew."""
@@ -263,7 +267,7 @@ def live(driver, others, witness, random):
             driver.advance(float(random.uniform(0.05, 0.5)), late_ns=late)
             if random.random() < 0.3:
                 others.disturb()
-        driver.faults, driver.alive = SimulatedFaults(), True
+        driver.device.faults, driver.alive = SimulatedFaults(), True
         if controller.state is State.FAULT:
             controller.cleanup()
     return refused

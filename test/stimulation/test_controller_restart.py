@@ -19,10 +19,9 @@ SECOND = 1_000_000_000
 
 
 class FailingLedger(MemoryLedger):
-    """Fails, or takes its time, when it is told to."""
+    """Fails when it is told to."""
 
     broken = False
-    slow = False
 
     def __init__(self, dose=None, past=()):
         # in the time of the test: the machine may run for longer than the window of a dose

@@ -51,19 +51,6 @@ def distribution(tmp_path, monkeypatch):
     return install
 
 
-def ready(**options):
-    now = [0]
-
-    def wait(seconds):
-        now[0] += round(seconds * 1e9)
-
-    device = SimulatedDevice(clock=lambda: now[0], wait=wait, **options)
-    device.open()
-    device.arm()
-    device.prepare(0.5)
-    return device, now
-
-
 def test_devices_of_the_package_are_registered_like_any_other():
     registry.require_device('serial')
     assert type(registry.build_device('simulated', DeviceOptions())) is SimulatedDevice
@@ -146,10 +133,13 @@ def test_every_percent_stays_what_it_is():
 
 
 def test_trigger_after_its_latest_time_is_not_given():
-    device, now = ready()
-    assert device.fire(0.5, WIDTH, now[0]) is not None
+    device = SimulatedDevice(clock=lambda: 0)
+    device.open()
+    device.arm()
+    device.prepare(0.5)
+    assert device.fire(0.5, WIDTH, 0) is not None
     with pytest.raises(TooLate, match='expected a trigger until -1 ns, got one at 0'):
-        device.fire(0.5, WIDTH, now[0] - 1)
+        device.fire(0.5, WIDTH, -1)
     assert len(device.fired) == 1
 
 

@@ -18,7 +18,7 @@ from rpms_ros.stimulation import (
 )
 from rpms_ros.stimulation.limits.coil_temperature import CoilTemperature, CoilThermal
 from rpms_ros.stimulation.limits.device_specification import load_device_specification
-from rpms_ros.stimulation.limits.forecast import Trial, forecast, forecast_plan
+from rpms_ros.stimulation.limits.forecast import Trial, forecast
 from rpms_ros.stimulation.limits.limits import Limits, PulseLimiter
 
 SHIPPED = load_device_specification('rapid2-240v')
@@ -30,10 +30,6 @@ RAPID = dataclasses.replace(
         SHIPPED.limits, maximum_intensity_step=1.0, maximum_intensity_rise=1.0
     ),
 )
-
-
-def limits_broken(schedule):
-    return {found.limit for found in forecast(schedule, RAPID).violations}
 
 
 def test_the_paper_exceeds_the_device():
@@ -64,7 +60,7 @@ def test_the_paper_exceeds_the_device():
 )
 def test_each_limit_is_named(schedule, limit):
     expected = set() if limit == 'deliverable' else {limit}
-    assert limits_broken(schedule) == expected
+    assert {found.limit for found in forecast(schedule, RAPID).violations} == expected
 
 
 def test_silence_counts_from_arming_and_up_to_the_end():
@@ -73,9 +69,8 @@ def test_silence_counts_from_arming_and_up_to_the_end():
     pause = Schedule((Pause(4.0), Single(duration_s=1.0)))
     assert forecast(pause, specification).deliverable
     trial = Trial(PulseLimiter(limits), None, 7 * SECOND)
-    ahead = forecast_plan(pause.plan, 1e-4, trial, 10 * SECOND)
-    assert [found.limit for found in ahead.violations] == ['idle_disarm_s']
-    assert ahead.violations[0].reason == 'expected at most 5 s without a pulse, got 7 s'
+    (refused,) = trial.refusals(pause.plan, 1e-4, 10 * SECOND)
+    assert refused == (0, ('idle_disarm_s', 'expected at most 5 s without a pulse, got 7 s'))
     trailing = forecast(Schedule((Single(duration_s=1.0), Pause(5.0))), specification)
     assert [(found.time_s, found.pulses) for found in trailing.violations] == [(6.0, 0)]
     assert not forecast(Schedule((Pause(5.1),)), specification).deliverable
@@ -98,13 +93,13 @@ def test_every_rate_at_its_limit_can_go_on_for_ever():
         limits = Limits(maximum_rate_hz=rate, minimum_pause_s=3.0)
         plan = Schedule((Constant(rate, 500.0 / rate, intensity=0.5),)).plan
         trial = Trial(PulseLimiter(limits), None, 0)
-        assert forecast_plan(plan, 100e-6, trial).violations == (), rate
+        assert list(trial.refusals(plan, 100e-6, 0)) == [], rate
 
 
 def test_a_rate_above_its_limit_is_refused_at_the_second_pulse():
-    limits = Limits(maximum_rate_hz=15.0)
+    specification = dataclasses.replace(RAPID, limits=Limits(maximum_rate_hz=15.0))
     # a period shorter by two nanoseconds
-    plan = Schedule((Constant(1e9 / 66_666_664, 1.0, intensity=0.5),)).plan
-    (found,) = forecast_plan(plan, 100e-6, Trial(PulseLimiter(limits), None, 0)).violations
+    schedule = Schedule((Constant(1e9 / 66_666_664, 1.0, intensity=0.5),))
+    (found,) = forecast(schedule, specification).violations
     assert (found.limit, found.pulses) == ('maximum_rate_hz', 14)
     assert found.time_s == pytest.approx(1 / 15, abs=1e-6)

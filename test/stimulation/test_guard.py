@@ -35,7 +35,6 @@ COMMANDS = (b'Q@', b'EA', b'EB', b'EB', b'EH', b'EH', b'EH', b'F@')
 FILLER = b'\x55' * 20_000
 TRAIN = Path(__file__).parents[1] / 'guarded_train.py'
 RATE_HZ = 20.0
-A, B = b'a', b'b'
 
 
 class Driver:

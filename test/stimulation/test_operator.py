@@ -35,14 +35,28 @@ class Operator:
     def confirm(self, now_ns):
         self.authority.confirm(self.name, self.token, now_ns)
 
+    def arm(self, now_ns=0):
+        self.beat(now_ns)
+        self.confirm(now_ns)
+
 
 @pytest.fixture
 def authority():
     return Authority(0.5, valid_s=10.0)
 
 
-def test_two_steps_arm(authority):
-    ada = Operator(authority).request()
+@pytest.fixture
+def ada(authority):
+    """An operator who has asked for a token."""
+    return Operator(authority).request()
+
+
+@pytest.fixture
+def buttons():
+    return StopButtons(0.3)
+
+
+def test_two_steps_arm(authority, ada):
     assert authority.operator == 'ada'
     with pytest.raises(Refused, match='expected a heartbeat of ada, got none yet'):
         ada.confirm(0)
@@ -58,13 +72,11 @@ def test_two_steps_arm(authority):
     authority.require('ada', ada.token)
 
 
-def test_nobody_else_arms_or_starts(authority):
-    ada = Operator(authority).request()
+def test_nobody_else_arms_or_starts(authority, ada):
     eve = Operator(authority, 'eve', b'e')
     with pytest.raises(Refused, match='expected no other operator, got ada'):
         eve.request(SECOND)
-    ada.beat(1)
-    ada.confirm(1)
+    ada.arm(1)
     with pytest.raises(Refused, match='expected no other operator, got ada'):
         ada.request(20 * SECOND)
     for name, token in (('eve', ada.token), ('ada', ''), ('ada', '\ud800'), ('ada', 'x')):
@@ -78,8 +90,7 @@ def test_nobody_else_arms_or_starts(authority):
     assert eve.request(21 * SECOND).token
 
 
-def test_a_request_that_nobody_confirms_runs_out(authority):
-    ada = Operator(authority).request()
+def test_a_request_that_nobody_confirms_runs_out(authority, ada):
     late = 10 * SECOND + 1
     ada.beat(late)
     with pytest.raises(Refused, match='expected the confirmation within 10 s of the request'):
@@ -95,10 +106,8 @@ def test_a_name_is_a_name(authority, name):
         authority.request(name, 0)
 
 
-def test_heartbeat_and_enable_keep_it_armed(authority):
-    ada = Operator(authority).request()
-    ada.beat(0)
-    ada.confirm(0)
+def test_heartbeat_and_enable_keep_it_armed(authority, ada):
+    ada.arm()
     assert authority.problem(SECOND // 2) is None
     assert authority.problem(SECOND // 2 + 1) == (
         'expected a heartbeat of ada within 0.5 s, got none for 0.5 s'
@@ -110,15 +119,12 @@ def test_heartbeat_and_enable_keep_it_armed(authority):
     assert authority.problem(SECOND + 1) == 'expected ada to hold the enable, got it released'
     authority.release()
     ada.request()
-    ada.beat(SECOND + 2)
-    ada.confirm(SECOND + 2)
+    ada.arm(SECOND + 2)
     assert authority.problem(SECOND + 2) is None
 
 
-def test_a_released_enable_is_at_no_moment_shown_as_held(authority, monkeypatch):
-    ada = Operator(authority).request()
-    ada.beat(0)
-    ada.confirm(0)
+def test_a_released_enable_is_at_no_moment_shown_as_held(authority, ada, monkeypatch):
+    ada.arm()
     assert not authority.released_enable(0)
     ada.beat(1, enable=False)
     shown = []
@@ -134,10 +140,8 @@ def test_a_released_enable_is_at_no_moment_shown_as_held(authority, monkeypatch)
     assert set(shown) == {False}
 
 
-def test_a_stranger_does_not_keep_it_armed(authority):
-    ada = Operator(authority).request()
-    ada.beat(0)
-    ada.confirm(0)
+def test_a_stranger_does_not_keep_it_armed(authority, ada):
+    ada.arm()
     eve = Operator(authority, 'ada', b'e')
     eve.token = 'x'
     assert eve.beat(SECOND) == (
@@ -146,8 +150,7 @@ def test_a_stranger_does_not_keep_it_armed(authority):
     assert authority.problem(SECOND) is not None
 
 
-def test_a_heartbeat_that_repeats_or_lags_does_not_count(authority):
-    ada = Operator(authority).request()
+def test_a_heartbeat_that_repeats_or_lags_does_not_count(ada):
     ada.beat(0)
     assert ada.beat(SECOND, sent_ns=0) == (
         'expected a heartbeat after the last one, got one that repeats or goes back'
@@ -158,8 +161,7 @@ def test_a_heartbeat_that_repeats_or_lags_does_not_count(authority):
     assert ada.beat(2 * SECOND) is None
 
 
-def test_a_clock_that_was_set_back_locks_nobody_out(authority):
-    ada = Operator(authority).request()
+def test_a_clock_that_was_set_back_locks_nobody_out(ada):
     ada.beat(0)
     ada.offset_ns = 0
     assert ada.beat(SECOND) is not None
@@ -169,8 +171,7 @@ def test_a_clock_that_was_set_back_locks_nobody_out(authority):
     ada.confirm(SECOND + 1)
 
 
-def test_a_press_counts_that_is_released_before_anybody_looks():
-    buttons = StopButtons(0.3)
+def test_a_press_counts_that_is_released_before_anybody_looks(buttons):
     buttons.present({A: '/hand'})
     buttons.heard(A, 1, False, 0)
     assert buttons.taken_press() == ''
@@ -185,8 +186,7 @@ def test_a_press_counts_that_is_released_before_anybody_looks():
         assert bool(buttons.taken_press()) == (sequence == 4)
 
 
-def test_a_press_counts_once_in_whatever_order_its_copies_come():
-    buttons = StopButtons(0.3)
+def test_a_press_counts_once_in_whatever_order_its_copies_come(buttons):
     # a button that is new: its first words come by both ways, the kept ones first
     for kept in (True, False):
         buttons.heard(A, 1, True, 0, kept)
@@ -200,8 +200,7 @@ def test_a_press_counts_once_in_whatever_order_its_copies_come():
     assert buttons.taken_press() == ''
 
 
-def test_each_press_counts_where_the_middleware_does_not_count_messages():
-    buttons = StopButtons(0.3)
+def test_each_press_counts_where_the_middleware_does_not_count_messages(buttons):
     for _ in range(3):
         # the copies that are kept for those who come late are read first
         for kept in (True, False):
@@ -214,8 +213,7 @@ def test_each_press_counts_where_the_middleware_does_not_count_messages():
         assert bool(buttons.taken_press()) == first
 
 
-def test_a_press_that_was_over_before_anybody_listened_is_none():
-    buttons = StopButtons(0.3)
+def test_a_press_that_was_over_before_anybody_listened_is_none(buttons):
     buttons.heard(A, 1, True, 0, kept=True)
     buttons.heard(A, 2, False, 0, kept=True)
     buttons.heard(A, 3, False, 0)
@@ -223,8 +221,7 @@ def test_a_press_that_was_over_before_anybody_listened_is_none():
     assert buttons.problem(0) is None
 
 
-def test_a_state_that_was_kept_is_no_sign_of_life():
-    buttons = StopButtons(0.3)
+def test_a_state_that_was_kept_is_no_sign_of_life(buttons):
     buttons.heard(A, 1, False, 0, kept=True)
     assert buttons.problem(0) == 'expected stop button 61 to say its state, got nothing yet'
     buttons.heard(A, 2, True, 0, kept=True)
@@ -233,8 +230,7 @@ def test_a_state_that_was_kept_is_no_sign_of_life():
     assert buttons.problem(0) is None
 
 
-def test_messages_that_may_be_lost_stand_against_pulses_until_reset():
-    buttons = StopButtons(0.3)
+def test_messages_that_may_be_lost_stand_against_pulses_until_reset(buttons):
     buttons.heard(A, 1, False, 0)
     buttons.overrun('too many')
     assert buttons.problem(0) == 'too many'
@@ -243,8 +239,7 @@ def test_messages_that_may_be_lost_stand_against_pulses_until_reset():
     assert buttons.problem(0) is None
 
 
-def test_a_reset_lets_go_of_a_button_that_is_gone_but_not_of_a_pressed_one():
-    buttons = StopButtons(0.3)
+def test_a_reset_lets_go_of_a_button_that_is_gone_but_not_of_a_pressed_one(buttons):
     buttons.heard(A, 1, False, 0)
     buttons.heard(B, 1, False, LATER_NS)
     buttons.present({B: '/hand'})
@@ -258,8 +253,7 @@ def test_a_reset_lets_go_of_a_button_that_is_gone_but_not_of_a_pressed_one():
     assert buttons.problem(LATER_NS) is not None
 
 
-def test_a_button_that_came_as_another_one_went_has_to_speak_after_a_reset():
-    buttons = StopButtons(0.3)
+def test_a_button_that_came_as_another_one_went_has_to_speak_after_a_reset(buttons):
     buttons.heard(A, 1, False, 0)
     buttons.heard(B, 1, False, LATER_NS)
     # one has gone, and one has come and is silent: as many as are known

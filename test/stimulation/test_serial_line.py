@@ -339,7 +339,7 @@ def test_failed_opening_lets_go_of_the_port(fake, patient_device):
     for _ in range(2):
         with pytest.raises(DeviceError, match='expected the instrument to obey Q@, got S'):
             device.open()
-        assert device.guard_pid is None
+        assert device._line._guard is None
     fake.refuse = {}
     device.open()
     assert fake.remote
@@ -396,7 +396,7 @@ def test_after_the_guard_is_gone_the_device_is_closed_and_opened_anew(
     fake, device, wait_for, armed
 ):
     armed(device)
-    first = device.guard_pid
+    first = device._line._guard.pid
     os.kill(first, signal.SIGKILL)
 
     def beaten():
@@ -412,7 +412,7 @@ def test_after_the_guard_is_gone_the_device_is_closed_and_opened_anew(
         device.arm()
     device.close()
     device.open()
-    assert device.guard_pid != first
+    assert device._line._guard.pid != first
     assert armed(device).fire(0.5, MAGNETIC_PULSE_WIDTH) is not None
 
 
@@ -422,14 +422,14 @@ def test_the_guard_has_the_priority_of_the_driver(fake, patient_device):
     os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     try:
         device.open()
-        assert os.sched_getscheduler(device.guard_pid) == os.SCHED_BATCH
+        assert os.sched_getscheduler(device._line._guard.pid) == os.SCHED_BATCH
     finally:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
 def test_a_guard_that_is_stopped_does_not_keep_the_port(fake, device, wait_for, armed):
     armed(device)
-    stopped = device.guard_pid
+    stopped = device._line._guard.pid
     os.kill(stopped, signal.SIGSTOP)
     device.close()
     wait_for(lambda: not fake.armed)

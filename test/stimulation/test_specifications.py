@@ -20,7 +20,6 @@ PATIENT = patient_module.__doc__.partition('\n\n')[2]
 DEVICE = load_device_specification('rapid2-240v')
 SIMULATED = load_device_specification('simulated')
 DAY = date(2026, 11, 21)
-A, B = b'a', b'b'
 RAPID = (FOLDER / 'rapid2-240v.yaml').read_text(encoding='utf-8')
 
 
@@ -57,26 +56,18 @@ def test_every_limit_of_a_real_device_is_required(load, name):
         load(RAPID.replace(f'  {name}: ', f'  {name}:  # ', 1))
 
 
-@pytest.mark.parametrize(
-    'text',
-    [
-        'name: mine\ndescription: mine\nlimits: {}\nsources: {}',
-        'name: mine\ndescription: mine\nsimulated_only: false\nlimits: {}\nsources: {}',
-    ],
-)
-def test_no_limits_are_none(load, text):
+@pytest.mark.parametrize('said', ['', 'simulated_only: false\n'])
+def test_no_limits_are_none(load, said):
+    text = 'name: mine\ndescription: mine\nlimits: {}\nsources: {}\n'
     with pytest.raises(StimulationError, match=r'limits\.maximum_intensity: expected every limit'):
-        load(text)
-    assert load(text.replace('limits', 'simulated_only: true\nlimits', 1).replace(
-        'simulated_only: false\n', ''
-    )).simulated_only  # fmt: skip
+        load(text + said)
+    assert load(f'{text}simulated_only: true').simulated_only
 
 
 def test_a_coil_that_gets_warm_needs_thermal_figures(load):
-    begin, end = RAPID.index('thermal:'), RAPID.index('sources:')
-    text = RAPID[:begin] + RAPID[end:]
-    for figure in ('ambient', 'coil_share', 'heat_capacity', 'time_constant', 'cutout'):
-        text = '\n'.join(line for line in text.splitlines() if not line.startswith(f'  {figure}:'))
+    # the figures, and their sources
+    figures = ('thermal', '  ambient', '  coil_share', '  heat_capacity', '  time_', '  cutout')
+    text = '\n'.join(line for line in RAPID.splitlines() if not line.startswith(figures))
     with pytest.raises(StimulationError, match='thermal: expected thermal figures of a real dev'):
         load(text)
 

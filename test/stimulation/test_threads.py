@@ -66,7 +66,7 @@ def driver(any_lateness):
     yield controller, fired, threads
     controller.device.let_go.set()
     threads.close()
-    assert not any(thread.is_alive() for thread in threads)
+    assert not any(thread.is_alive() for thread in threads._threads.values())
 
 
 @pytest.fixture
@@ -147,12 +147,12 @@ def test_configuring_that_hangs_leaves_state_and_device_closed(driver, wait_for)
 
 
 @pytest.mark.filterwarnings('ignore::pytest.PytestUnhandledThreadExceptionWarning')
-@pytest.mark.parametrize('index', [0, 1, 2])
-def test_end_of_a_thread_is_a_fault_and_it_can_be_started_again(running, wait_for, index):
+@pytest.mark.parametrize('name', ['owner', 'supervisor', 'ledger'])
+def test_end_of_a_thread_is_a_fault_and_it_can_be_started_again(running, wait_for, name):
     controller, fired, threads = running
     controller.start(constant(0.5, 10.0, 50.0))
     wait_for(lambda: bool(fired))
-    thread = list(threads)[index]
+    thread = threads._threads[name]
     thread.step = None
     wait_for(lambda: controller.state is State.FAULT)
     assert controller.reason == f'{thread.name}: expected to run on, got an exception'
@@ -160,7 +160,7 @@ def test_end_of_a_thread_is_a_fault_and_it_can_be_started_again(running, wait_fo
     assert not controller.device.armed
     controller.cleanup()
     threads.start()
-    assert all(other.is_alive() for other in threads)
+    assert all(other.is_alive() for other in threads._threads.values())
     controller.configure()
 
 

@@ -111,11 +111,6 @@ class DriverParameters(NodeParameters):
         """Whether the device exists only as a program."""
         return self.device == 'simulated'
 
-    @property
-    def hardware(self) -> str:
-        """Name of the device, with its port if it is on one."""
-        return self.device if self.simulated else f'{self.device} {self.port}'
-
 
 def build_device(settings: DriverParameters, specification: DeviceSpecification) -> Device:
     """Return the device that the parameters name, not open yet.

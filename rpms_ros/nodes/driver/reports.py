@@ -31,7 +31,7 @@ from rpms_ros.nodes.common.diagnostics import (
 )
 from rpms_ros.nodes.common.topics import MESSAGE_TYPES
 from rpms_ros.printable import counted
-from rpms_ros.pulses import Pulse, PulseHash, nanoseconds
+from rpms_ros.pulses import Pulse, PulseHash
 from rpms_ros.stimulation import Schedule, schedule_to_text
 from rpms_ros.stimulation.devices import registry
 from rpms_ros.stimulation.driver.authority import Authority
@@ -46,8 +46,6 @@ UNVERIFIED = {
 """Bit in a message for each thing that a device may be unable to confirm."""
 
 _FRAME = 'coil'
-_CLOCK_READINGS = 5
-_TIGHT_NS = 50_000
 
 
 class PulsePublisher:
@@ -119,11 +117,11 @@ def clock_offset_ns() -> int:
     The thread may be held up between the two readings; the tightest of a few counts.
     """
     readings = []
-    for _ in range(_CLOCK_READINGS):
+    for _ in range(5):
         before, now = time.monotonic_ns(), time.time_ns()
         width = time.monotonic_ns() - before
         readings.append((width, now - before - width // 2))
-        if width < _TIGHT_NS:
+        if width < 50_000:
             break
     return min(readings)[1]
 
@@ -243,7 +241,7 @@ class DriverAudit:
 
 
 _STATUS_PERIOD_NS = 100_000_000
-_DIAGNOSTICS_PERIOD_S = 1.0
+_DIAGNOSTICS_PERIOD_NS = 1_000_000_000
 _REFUSED = 'refused: '
 # how long a refusal is shown in the status, and a pulse that was dropped in the diagnostics
 _SHOWN_NS = 10_000_000_000
@@ -360,7 +358,7 @@ class DriverReports:
         if changed or due:
             self._status.publish(self._status_message(stamp, now_ns))
         if changed or now_ns >= self._next_diagnostics_ns:
-            self._next_diagnostics_ns = now_ns + nanoseconds(_DIAGNOSTICS_PERIOD_S)
+            self._next_diagnostics_ns = now_ns + _DIAGNOSTICS_PERIOD_NS
             if self._dropped != self._controller.dropped:
                 self._dropped, self._dropped_ns = self._controller.dropped, now_ns
             lately = now_ns - self._dropped_ns < _SHOWN_NS

@@ -42,8 +42,6 @@ from rpms_ros.stimulation.driver.stop_buttons import StopButtons
 # A button says true or false and no name: that one of two is silent, or that one is still pressed
 # while the other says that it is released, shows only by who said it.  rcl tells, rclpy does not.
 _OK, _NOTHING = 0, 401
-_IDENTITY_BYTES = 16
-_FIRST_BYTES = 256
 
 
 class _Bytes(ctypes.Structure):
@@ -72,7 +70,7 @@ class _Information(ctypes.Structure):
         ('sequence', ctypes.c_uint64),
         ('reception', ctypes.c_uint64),
         ('implementation', ctypes.c_char_p),
-        ('identity', ctypes.c_uint8 * _IDENTITY_BYTES),
+        ('identity', ctypes.c_uint8 * 16),
         ('within_process', ctypes.c_bool),
     )
 
@@ -128,7 +126,7 @@ class Taker:
         self._to_bytes = ctypes.byref(self._bytes)
         self._places = ctypes.addressof(self._bytes), ctypes.addressof(self._information)
         functions = allocator()
-        if allocate(self._to_bytes, _FIRST_BYTES, ctypes.byref(functions)) != _OK:
+        if allocate(self._to_bytes, 256, ctypes.byref(functions)) != _OK:
             raise NodeError('expected memory for a message, got none')
 
     def take(self) -> Taken | None:
@@ -153,9 +151,6 @@ class Taker:
         self._free(self._to_bytes)
 
 
-_GOALS = '/_action/send_goal'
-
-
 def publishers_of(node: Node, topic: str) -> dict[bytes, str]:
     """Return the node of every publisher of a topic, by the identity of the publisher."""
     return {
@@ -174,7 +169,7 @@ def others_of_this_name(node: Node) -> str:
     if nodes > 1:
         return f'expected one driver {_joined(namespace, name)}, got {nodes} nodes of this name'
     action = node.resolve_topic_name(topics.RUN_SCHEDULE)
-    servers = node.count_services(action + _GOALS)
+    servers = node.count_services(f'{action}/_action/send_goal')
     if servers > 1:
         return f'expected one driver that serves {action}, got {servers}'
     return ''

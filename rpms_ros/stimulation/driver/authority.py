@@ -35,7 +35,6 @@ from rpms_ros.stimulation.records.clocks import read_boot_id
 
 AUTHORITY = 'authority'
 LONGEST_NAME = 64
-_TOKEN_BYTES = 16
 
 
 class Beat(NamedTuple):
@@ -116,7 +115,7 @@ class Authority:
             pending = bool(self._token) and now_ns <= self._until_ns
             if self.confirmed or (pending and name != self.operator):
                 raise Refused(AUTHORITY, f'expected no other operator, got {self.operator}')
-            self.operator, self._token = name, secrets.token_hex(_TOKEN_BYTES)
+            self.operator, self._token = name, secrets.token_hex(16)
             self._until_ns = now_ns + nanoseconds(self.valid_s)
             self._forget_beats()
             return self._token

@@ -309,7 +309,7 @@ class StimulationController(DeviceOwner):
         self._hold_ns, self._held_by = 0, _LATE
 
     def _arm(self) -> None:
-        if self.interlocks.slept:
+        if self.interlocks.sleep() is not None:
             # the clock of the books stood still: what the subject knew may be of yesterday
             for books in (self.limiter, self.confirmed):
                 books.known.clear()
@@ -461,7 +461,7 @@ class StimulationController(DeviceOwner):
             return
         except DeviceError:
             unknown = Delivery(onset_ns, pulse.intensity, frozenset(UNVERIFIED))
-            self._tell(dataclasses.replace(pulse, delivery=unknown, answered=False))
+            self._tell(dataclasses.replace(pulse, delivery=unknown))
             return
         self._answered_ns = self._clock()
         fired = dataclasses.replace(pulse, delivery=delivery)

@@ -27,7 +27,6 @@ from rpms_ros.stimulation.records.clocks import slept_ns
 SUSPEND = 'suspend'
 # the clocks are not read at one instant
 _NAP_NS = 20_000_000
-_READINGS = 5
 
 BUSY = 'computer too busy: pulses stopped; '
 """Begins the reason where a thread of the driver itself has missed its time."""
@@ -94,12 +93,7 @@ class Interlocks:
     def awake(self) -> None:
         """Note that the machine is awake: what it has slept so far does not count."""
         # the largest: of one that is read while the thread waits, the others are too large
-        self._slept_ns = max(self._slept() for _ in range(_READINGS))
-
-    @property
-    def slept(self) -> bool:
-        """Whether the machine has slept since `awake`."""
-        return self._sleep() is not None
+        self._slept_ns = max(self._slept() for _ in range(5))
 
     def seen(self, name: str, now_ns: int) -> None:
         """Note a sign of life."""
@@ -150,10 +144,10 @@ class Interlocks:
                         f'{whose}{name}: expected a sign of life within {timeout / 1e9:g} s, '
                         f'got none for {age:.3g} s'
                     )
-            return self._sleep()
+            return self.sleep()
 
-    def _sleep(self) -> tuple[str, str] | None:
-        """Return that the machine has slept: no age has grown meanwhile."""
+    def sleep(self) -> tuple[str, str] | None:
+        """Return that the machine has slept since `awake`: no age has grown meanwhile."""
         asleep_ns = self._slept() - self._slept_ns
         if asleep_ns <= _NAP_NS:
             return None

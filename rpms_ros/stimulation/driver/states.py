@@ -195,8 +195,6 @@ class Fired:
         says that no pulse came.
     delivered_sequence : int
         Counts those with a delivery.
-    answered : bool
-        Whether the device answered.
     """
 
     due_ns: int
@@ -205,7 +203,6 @@ class Fired:
     sequence: int
     delivery: Delivery | None
     delivered_sequence: int
-    answered: bool = True
 
 
 class Reservations:

@@ -10,7 +10,7 @@ seen as a whole.
 from collections import Counter
 from collections.abc import Iterator
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -101,13 +101,30 @@ def forecast(
 
     What a patient got before is not known here: the dose ledger counts it when it is run.
     """
-    thermal = specification.thermal
-    trial = Trial(
-        PulseLimiter(specification.limits), CoilTemperature(thermal) if thermal else None, 0
+    plan, limits, thermal = schedule.plan, specification.limits, specification.thermal
+    coil = CoilTemperature(thermal) if thermal else None
+    trial = Trial(PulseLimiter(limits), coil, 0)
+    found: dict[str, tuple[str, float]] = {}
+    pulses: Counter[str] = Counter()
+    for index, (limit, reason) in trial.refusals(plan, schedule.width_s, 0):
+        onset_ns = plan.onset_ns[index] if index < len(plan) else plan.duration_ns
+        found.setdefault(limit, (reason, float(onset_ns) / NANOSECONDS_PER_SECOND))
+        # the end is no pulse
+        pulses[limit] += index < len(plan)
+    broken = [Violation(name, *first, pulses[name]) for name, first in found.items()]
+    if dose is not None:
+        broken += _over_dose(plan, limits, dose)
+    energy = limits.pulse_energy_j * float(np.square(plan.intensity).sum())
+    return Forecast(
+        violations=tuple(broken),
+        pulses=len(plan),
+        duration_s=plan.duration_s,
+        energy_j=energy,
+        mean_power_w=energy / plan.duration_s,
+        max_rate_hz=plan.highest_rate_hz,
+        waits_s=tuple(trial.waits_s),
+        temperature=np.array(trial.celsius),
     )
-    ahead = forecast_plan(schedule.plan, schedule.width_s, trial)
-    more = () if dose is None else _over_dose(schedule.plan, specification.limits, dose)
-    return replace(ahead, violations=(*ahead.violations, *more))
 
 
 def _over_dose(plan: Plan, limits: Limits, dose: DoseLimits) -> Iterator[Violation]:
@@ -124,40 +141,6 @@ def _over_dose(plan: Plan, limits: Limits, dose: DoseLimits) -> Iterator[Violati
             )
             time_s = float(plan.onset_ns[over.argmax()]) / NANOSECONDS_PER_SECOND
             yield Violation(limit, reason, time_s, int(over.sum()))
-
-
-def forecast_plan(plan: Plan, width_s: float, trial: 'Trial', start_ns: int = 0) -> Forecast:
-    """Return what a plan comes to.
-
-    Parameters
-    ----------
-    plan : Plan
-        The pulses.
-    width_s : float
-        Their duration [s].
-    trial : Trial
-        The device as it is; the plan is given on it.
-    start_ns : int
-        Beginning of the plan on its clock [ns].
-    """
-    found: dict[str, tuple[str, float]] = {}
-    pulses: Counter[str] = Counter()
-    for index, (limit, reason) in trial.refusals(plan, width_s, start_ns):
-        onset_ns = plan.onset_ns[index] if index < len(plan) else plan.duration_ns
-        found.setdefault(limit, (reason, float(onset_ns) / NANOSECONDS_PER_SECOND))
-        # the end is no pulse
-        pulses[limit] += index < len(plan)
-    energy = trial.limits.pulse_energy_j * float(np.square(plan.intensity).sum())
-    return Forecast(
-        violations=tuple(Violation(name, *first, pulses[name]) for name, first in found.items()),
-        pulses=len(plan),
-        duration_s=plan.duration_s,
-        energy_j=energy,
-        mean_power_w=energy / plan.duration_s,
-        max_rate_hz=plan.highest_rate_hz,
-        waits_s=tuple(trial.waits_s),
-        temperature=np.array(trial.celsius),
-    )
 
 
 class Trial:
