@@ -28,10 +28,7 @@ import numpy.typing as npt
 from rpms_ros.axis import FORCE, Axis, along
 from rpms_ros.errors import MessageError
 from rpms_ros.identification.model.estimate import Estimate
-from rpms_ros.muscle.recruitment import (
-    RecruitmentParameters,
-    identified_recruitment,
-)
+from rpms_ros.muscle.recruitment import RecruitmentParameters, identified_recruitment
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray
 
 BIN_NS = 5_000_000

@@ -20,9 +20,7 @@ from rpms_ros.muscle import SUBJECTS, Contraction, subject_by_name
 from rpms_ros.muscle.scenario import Scenario, load_scenario
 from rpms_ros.muscle.simulation import SampledPlant, Surroundings
 from rpms_ros.nodes.common import qos, topics
-from rpms_ros.nodes.common.diagnostics import (
-    logger_of,
-)
+from rpms_ros.nodes.common.diagnostics import logger_of
 from rpms_ros.nodes.common.parameters import NodeParameters, declare_parameters, parameter
 from rpms_ros.nodes.common.runner import NodeOfParts, every, run
 from rpms_ros.nodes.common.topics import MESSAGE_TYPES

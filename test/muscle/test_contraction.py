@@ -265,6 +265,9 @@ def test_the_true_curve_is_the_force_of_a_train(change, intensity):
         assert truth == pytest.approx(subject.steady_force(intensity, 20.0))
 
 
+HIGHER = Change(0.0, threshold=0.9)
+
+
 @pytest.mark.parametrize(
     ('changes', 'found'),
     [
@@ -273,11 +276,7 @@ def test_the_true_curve_is_the_force_of_a_train(change, intensity):
         ((Change(1.0, threshold=0.8), Change(3.0, saturation=0.82)), '0.82 and 0.8 at 3 s'),
         # a saturation that falls faster than a threshold meets it on the way
         (
-            (
-                Change(0.0, threshold=0.9),
-                Change(1.0, 1.0, saturation=0.4),
-                Change(2.0, threshold=0.3),
-            ),
+            (HIGHER, Change(1.0, 1.0, saturation=0.4), Change(2.0, threshold=0.3)),
             '0.4 and 0.9 at 2 s',
         ),
     ],

@@ -23,11 +23,7 @@ from rpms_ros.muscle import (
 )
 from rpms_ros.muscle.scenario import Spasm, Tremor, VoluntaryEffort
 from rpms_ros.muscle.sensor import SensorFault
-from rpms_ros.muscle.time_varying import (
-    Change,
-    Fatigue,
-    Potentiation,
-)
+from rpms_ros.muscle.time_varying import Change, Fatigue, Potentiation
 
 NAN, INF = math.nan, math.inf
 IMPOSSIBLE = (0.0, -1.0, NAN, INF)

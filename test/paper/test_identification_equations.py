@@ -8,11 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rpms_ros.identification import (
-    TABLE_4,
-    DistortedSineBasis,
-    ModifiedRecursiveLM,
-)
+from rpms_ros.identification import TABLE_4, DistortedSineBasis, ModifiedRecursiveLM
 from rpms_ros.identification.recursion.paper_kernel import RecursionState, _judge, _update_linear
 from rpms_ros.muscle import (
     Contraction,
