@@ -45,8 +45,12 @@ class Clock:
             self.between()
         return self.now
 
-    def wait(self, seconds):
+    def stall(self, seconds):
+        """The whole machine stands still."""
         self.now += round(seconds * SECOND)
+
+    def wait(self, seconds):
+        self.stall(seconds)
         for other in self.meanwhile:
             other()
 
@@ -131,6 +135,18 @@ class Driver:
         run = self.controller.run
         running = self.controller.state is State.RUNNING and not self.controller._halts
         return run.due_ns if running else None
+
+    def once_booked(self, do):
+        """Let something happen when the next pulse has passed every check and is in the books."""
+        booked = self.controller._booked
+
+        def meanwhile(run):
+            self.controller._booked = booked
+            pulse = booked(run)
+            do()
+            return pulse
+
+        self.controller._booked = meanwhile
 
     def press_stop(self):
         self.controller.interlocks.open(EMERGENCY_STOP, 'emergency stop is pressed')

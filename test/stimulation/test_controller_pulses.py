@@ -68,17 +68,8 @@ def test_pulse_after_a_late_one_waits_for_its_interval(virtual):
 def test_stall_between_the_check_and_the_trigger_leaves_no_late_pulse(running, stall_ms):
     """The machine stands still when the pulse has passed every check."""
     driver = running
-    booked = driver.controller._booked
-
-    def stalls(run):
-        pulse = booked(run)
-        driver.clock.now += stall_ms * MILLISECOND
-        return pulse
-
-    driver.controller._booked = stalls
-    driver.advance(0.05)
-    driver.controller._booked = booked
-    driver.advance(4.6)
+    driver.once_booked(lambda: driver.clock.stall(stall_ms * 1e-3))
+    driver.advance(4.65)
     late = stall_ms > 10
     assert driver.controller.dropped == late
     assert driver.controller.run.delivered == 100 - late
@@ -109,15 +100,7 @@ def test_a_pulse_has_to_pass_with_and_without_one_that_was_never_given(virtual):
     driver.controller.start(Schedule(steps))
     driver.advance(0.06)
     driver.clock.now = driver.due_ns()
-    booked = driver.controller._booked
-
-    def stalls(run):
-        driver.controller._booked = booked
-        pulse = booked(run)
-        driver.clock.now += 11 * MILLISECOND
-        return pulse
-
-    driver.controller._booked = stalls
+    driver.once_booked(lambda: driver.clock.stall(11e-3))
     driver.advance(0.5)
     assert [value for _, value in driver.device.commands] == [0.3]
     assert driver.controller.run.ended.startswith('maximum_intensity_step: expected a step')

@@ -34,14 +34,7 @@ def test_a_stop_from_before_the_device_is_opened_is_still_the_reason(driver_in):
 
 def test_stop_between_the_check_and_the_trigger_leaves_no_pulse(running):
     driver = running
-    booked = driver.controller._booked
-
-    def stopped(run):
-        pulse = booked(run)
-        driver.controller.stop('test', 'a test')
-        return pulse
-
-    driver.controller._booked = stopped
+    driver.once_booked(lambda: driver.controller.stop('test', 'a test'))
     before = len(driver.fired)
     driver.device.calls.clear()
     driver.advance(1.0)

@@ -50,7 +50,7 @@ def test_width(width, limit):
 
 
 def test_stronger_pulse_of_an_interval_decides():
-    limiter = PulseLimiter(RAPID, 0.0)
+    limiter = PulseLimiter(dataclasses.replace(RAPID, interval_tolerance_s=0.0))
     limiter.book(0, 1.0)
     assert limiter.refusal(SECOND // 50, 0.1, WIDTH).limit == 'rate_limits_hz'
     assert limiter.refusal(SECOND // 15 + 1, 0.1, WIDTH) is None

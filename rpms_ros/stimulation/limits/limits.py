@@ -216,11 +216,11 @@ class PulseLimiter:
     ----------
     limits : Limits
         What no pulse may go beyond.
-    tolerance_s : float, optional
-        Tolerance of an interval [s]; that of the limits if it is missing.
 
     Attributes
     ----------
+    tolerance_ns : int
+        Tolerance of an interval [ns].
     last_ns : int or None
         Onset of the last pulse [ns].
     last_intensity : float
@@ -241,10 +241,9 @@ class PulseLimiter:
         Pulses and energy [J] of the session.
     """
 
-    def __init__(self, limits: Limits, tolerance_s: float | None = None) -> None:
+    def __init__(self, limits: Limits) -> None:
         self.limits = limits
-        tolerance = limits.interval_tolerance_s if tolerance_s is None else tolerance_s
-        self.tolerance_ns = nanoseconds(tolerance)
+        self.tolerance_ns = nanoseconds(limits.interval_tolerance_s)
         self._pause_ns = nanoseconds(limits.minimum_pause_s)
         self._window_ns = nanoseconds(limits.energy_window_s)
         self._rise_ns = nanoseconds(limits.rise_window_s)

@@ -39,6 +39,17 @@ _PERIOD_SLACK = 1e-6
 
 
 @dataclass(frozen=True)
+class Even(Bounded):
+    """One intensity: field of several kinds of segments."""
+
+    intensity: float = share(1.0)
+
+    def intensities(self, onset_s: FloatArray, _: np.random.Generator, /) -> FloatArray:
+        """Return the same intensity for every pulse."""
+        return np.full_like(onset_s, self.intensity)
+
+
+@dataclass(frozen=True)
 class Between(Bounded):
     """Intensities from ``low`` to ``high``: fields of several kinds of segments."""
 
@@ -89,15 +100,10 @@ class Repetitive(Segment):
 
 
 @dataclass(frozen=True)
-class Constant(Repetitive):
+class Constant(Even, Repetitive):
     """One intensity."""
 
     kind: ClassVar[str] = 'constant'
-    intensity: float = share(1.0)
-
-    def intensities(self, onset_s: FloatArray, _: np.random.Generator, /) -> FloatArray:
-        """Return the same intensity for every pulse."""
-        return np.full_like(onset_s, self.intensity)
 
 
 @dataclass(frozen=True)
@@ -185,11 +191,10 @@ class UniformRandom(Between, Repetitive):
 
 
 @dataclass(frozen=True)
-class PulseBurst(Segment):
+class PulseBurst(Even, Segment):
     """``count`` pulses ``interval_s`` apart (an N-let), then silence to the end of the segment."""
 
     kind: ClassVar[str] = 'n_let'
-    intensity: float = share(1.0)
     count: int = bounded(Bound(1, 1000, whole=True), 3)
     interval_s: float = bounded(Bound(1.0 / HIGHEST_RATE_HZ, LONGEST_S, 's'), 0.01)
     duration_s: float = bounded(DURATION, 1.0)
@@ -212,17 +217,12 @@ class PulseBurst(Segment):
         number = np.arange(self.pulse_count, dtype=np.float64)
         return np.rint(number * (self.interval_s * NANOSECONDS_PER_SECOND)).astype(np.int64)
 
-    def intensities(self, onset_s: FloatArray, _: np.random.Generator, /) -> FloatArray:
-        """Return the same intensity for every pulse."""
-        return np.full_like(onset_s, self.intensity)
-
 
 @dataclass(frozen=True)
-class Single(Segment):
+class Single(Even, Segment):
     """One pulse, then silence to the end of the segment."""
 
     kind: ClassVar[str] = 'single'
-    intensity: float = share(1.0)
     duration_s: float = bounded(DURATION, 1.0)
 
     @property
@@ -233,10 +233,6 @@ class Single(Segment):
     def onsets_ns(self) -> IntArray:
         """Return the start of the segment."""
         return np.zeros(1, dtype=np.int64)
-
-    def intensities(self, onset_s: FloatArray, _: np.random.Generator, /) -> FloatArray:
-        """Return the intensity."""
-        return np.full_like(onset_s, self.intensity)
 
 
 @dataclass(frozen=True)
