@@ -22,6 +22,7 @@ _EXAMPLES = """\
   rpms identify session
 """
 _SUBJECTS = ('simulation', 'rpms', 'fes', 'random')
+_MUSCLES = ('arctan', 'boltzmann', 'gauss', 'weibull', 'unsaturated', 'pools', 'ding')
 _OF_PULSES = ('duration', 'pulse_rate', 'intensity')
 _DISTURBANCES = {
     'noise': 'standard deviation of white noise',
@@ -61,6 +62,14 @@ def add_simulate(subparsers: Subparsers) -> None:
         '(Tables 1 to 3), or random',
         choices=_SUBJECTS,
     )
+    add_option(
+        group,
+        '--muscle KIND',
+        'arctan',
+        'another kind than that of the model, arctan: a recruitment of another shape, or motor '
+        'units that sum by calcium (ding)',
+        choices=_MUSCLES,
+    )
     group.add_argument(
         '--own-rates',
         action='store_true',
@@ -81,6 +90,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Simulate and record the session."""
     from rpms_ros.api import simulating
     from rpms_ros.muscle import Contraction, subject_by_name
+    from rpms_ros.muscle.motor_units import MotorUnits
     from rpms_ros.muscle.scenario import Scenario, load_scenario
     from rpms_ros.muscle.simulation import Surroundings, simulate_session
     from rpms_ros.recording import write_recording
@@ -96,6 +106,10 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.schedule, arguments.duration, rate, seed, arguments.intensity
     )
     subject = subject_by_name(arguments.subject, seed)
+    of_units = arguments.muscle == 'ding'
+    if not of_units:
+        shape = replace(subject.recruitment, shape=arguments.muscle)
+        subject = replace(subject, recruitment=shape.normalised())
     from_file = arguments.schedule not in simulating.SCHEDULES
     _refuse_what_has_no_effect(arguments, from_file)
     fixed_rate = None if arguments.own_rates or from_file else rate
@@ -103,11 +117,11 @@ def run(arguments: argparse.Namespace) -> int:
     stamp_ns = simulating.sample_times(schedule.length_s, arguments.rate)
     with progress('simulating', len(stamp_ns), 'samples', arguments.quiet) as advance:
         forces, truths = simulate_session(
-            Contraction(subject, fixed_rate, scenario.living),
+            (MotorUnits if of_units else Contraction)(subject, fixed_rate, scenario.living),
             Surroundings(scenario, seed),
             pulses,
             stamp_ns,
-            _TRUTH_RATE if arguments.scenario else 0.0,
+            _TRUTH_RATE if arguments.scenario or of_units else 0.0,
             advance,
         )
     write_recording(
@@ -116,7 +130,7 @@ def run(arguments: argparse.Namespace) -> int:
         forces,
         compression=arguments.compression,
         custom={
-            'subject': json.dumps(asdict(subject)),
+            ('motor_units' if of_units else 'subject'): json.dumps(asdict(subject)),
             'disturbances': json.dumps(given),
             'schedule': schedule.name,
             'seed': str(seed),

@@ -358,14 +358,10 @@ class Contraction:
         """Return rho_u with changed threshold and saturation, the same gain, 0 at intensity 0."""
         curve = self.subject.recruitment
 
-        def shape(u: FloatArray) -> FloatArray:
-            above, beyond = u - threshold, u - saturation
-            bend: FloatArray = above * np.arctan(curve.threshold_slope * above)
-            return bend - beyond * np.arctan(curve.saturation_slope * beyond)
-
         moved = (threshold != curve.threshold) | (saturation != curve.saturation)
-        none = np.where(moved, -curve.gain * shape(np.zeros_like(intensity)), curve.offset)
-        return curve.gain * shape(intensity) + none
+        zero = curve.bend(np.zeros_like(intensity), threshold, saturation)
+        none = np.where(moved, -curve.gain * zero, curve.offset)
+        return curve.gain * curve.bend(intensity, threshold, saturation) + none
 
     def _drop(self, used: IntArray) -> None:
         """Drop pulses whose twitch has begun."""

@@ -16,18 +16,38 @@ With ``B(x, a) = dT/dx = atan(a x) + a x / (1 + (a x)^2)`` and
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numba
 import numpy as np
 import numpy.typing as npt
+from scipy.special import expit, ndtr
 
 from rpms_ros.errors import MuscleError, check_number
 from rpms_ros.pulses import FloatArray
 
 SMALLEST_SEPARATION = 0.05
 """A muscle whose u_sat is not this far above its u_thr is nothing that can be identified."""
+
+
+def _pools(u: FloatArray, threshold: FloatArray, saturation: FloatArray) -> FloatArray:
+    low: FloatArray = expit((u - threshold) / 0.025)
+    return 0.55 * low + 0.45 * expit((u - saturation + 0.15) / 0.03)
+
+
+OTHER_SHAPES: dict[str, Callable[[FloatArray, FloatArray, FloatArray], FloatArray]] = {
+    'boltzmann': lambda u, thr, sat: expit((u - 0.5 * (thr + sat)) * 7.0 / (sat - thr)),
+    'gauss': lambda u, thr, sat: ndtr((u - 0.5 * (thr + sat)) * 4.0 / (sat - thr)),
+    'weibull': lambda u, thr, sat: (
+        1.0 - np.exp(-((np.maximum(u - thr + 0.15, 0.0) / (0.7 * (sat - thr))) ** 2.2))
+    ),
+    'unsaturated': lambda u, thr, _: np.maximum(u - thr + 0.1, 0.0) ** 1.4,
+    'pools': _pools,
+}
+"""Curves of other kinds than Eq. (9), for simulations, by intensity, u_thr and u_sat: Boltzmann's,
+a cumulative normal distribution, Weibull's, one that does not saturate, and two pools of units."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +62,8 @@ class IntensityRecruitment:
         alpha_thr and alpha_sat: how sharply the curve bends there.
     gain, offset : float
         beta_1 and beta_2.
+    shape : str
+        ``arctan``, that of Eq. (9), or one of `OTHER_SHAPES` between the same two intensities.
     """
 
     threshold: float = 0.48
@@ -50,8 +72,12 @@ class IntensityRecruitment:
     saturation_slope: float = 4.0
     gain: float = 0.738
     offset: float = 0.539
+    shape: str = 'arctan'
 
     def __post_init__(self) -> None:
+        if self.shape not in ('arctan', *OTHER_SHAPES):
+            known = ', '.join(('arctan', *OTHER_SHAPES))
+            raise MuscleError(f'expected a recruitment of {known}, got {self.shape!r}')
         for name in ('threshold', 'gain', 'offset'):
             check_number(MuscleError, name, getattr(self, name))
         check_number(MuscleError, 'saturation', self.saturation, self.threshold, above=True)
@@ -61,11 +87,17 @@ class IntensityRecruitment:
     def __call__(self, intensity: npt.ArrayLike) -> FloatArray:
         """Return rho_u at ``intensity`` (shape (...), share 0..1), same shape."""
         u = np.asarray(intensity, dtype=np.float64)
-        above = u - self.threshold
-        beyond = u - self.saturation
-        bend = above * np.arctan(self.threshold_slope * above)
-        limit = beyond * np.arctan(self.saturation_slope * beyond)
-        return self.gain * (bend - limit) + self.offset
+        return self.gain * self.bend(u, self.threshold, self.saturation) + self.offset
+
+    def bend(
+        self, u: FloatArray, threshold: FloatArray | float, saturation: FloatArray | float
+    ) -> FloatArray:
+        """Return the curve without gain and offset for another u_thr and u_sat; all (...)."""
+        above, beyond = u - threshold, u - saturation
+        if self.shape != 'arctan':
+            return OTHER_SHAPES[self.shape](u, u - above, u - beyond)
+        bent: FloatArray = above * np.arctan(self.threshold_slope * above)
+        return bent - beyond * np.arctan(self.saturation_slope * beyond)
 
     @property
     def rises(self) -> bool:

@@ -108,6 +108,8 @@ class KnownMuscle:
     def parameter(self, name: str, stamp_ns: IntArray) -> FloatArray | None:
         """Return a parameter of the curve at stamps (stamps,), None if it is not known."""
         known = _RECRUITMENT.get(name, '')
+        if self.subject is not None and self.subject.recruitment.shape != 'arctan':
+            return None
         if known in self.state:
             return self.at(known, stamp_ns)
         if self.subject is None or not known:

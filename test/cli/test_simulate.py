@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from rosbags.rosbag2 import Reader
 
+import rpms_ros
 from rpms_ros.estimate_messages import truth_of
 from rpms_ros.muscle import Contraction, simulation_subject
 from rpms_ros.recording import read_recording
 from rpms_ros.recording.rosbag.definitions import known_types
+from rpms_ros.report.recorded import true_muscle
 from rpms_ros.stimulation import paper_random
 
 
@@ -38,6 +40,17 @@ def test_the_same_options_make_the_same_recording(rpms, tmp_path):
         rpms('simulate', '--out', path, '--duration', 2, '--noise', 0.1, '--subject', 'random')
         contents.append({file.name: file.read_bytes() for file in path.iterdir()})
     assert contents[0] == contents[1]
+
+
+@pytest.mark.parametrize('kind', ['gauss', pytest.param('ding', marks=pytest.mark.long)])
+def test_another_muscle_is_judged_by_its_own_curve(rpms, tmp_path, kind):
+    path = tmp_path / 'session'
+    options = ('--muscle', kind, '--subject', 'rpms', '--noise', 0.05, '--duration', 30)
+    assert rpms('simulate', '--out', path, *options)[0] == 0
+    found = rpms_ros.load(path).identify('batch')
+    truth = true_muscle(read_recording(path), 20.0)
+    error, doubted = truth.error(found.estimates.last), found.verdict.grade != 'good'
+    assert doubted if kind == 'ding' else error < 0.003 and not doubted
 
 
 def test_a_file_says_itself_how_long_and_how_fast(rpms, tmp_path):

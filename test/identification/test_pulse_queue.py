@@ -353,3 +353,14 @@ def test_pulses_missing_at_an_end_are_said(known):
         FORCE_WITHOUT_PULSES
         not in identify(estimator_by_name('batch'), pulses, forces).last.doubts
     )
+
+
+@pytest.mark.parametrize('known', [slice(120), slice(60, 200)])
+def test_pulses_of_random_intensity_missing_at_an_end_are_said(random_session, known):
+    pulses, forces = random_session
+    part = ForceTrace(forces.stamp_ns[:10_000], forces.force[:10_000])
+    found = identify(estimator_by_name('batch'), pulses[known], part)
+    assert (
+        'without a pulse the force moves as with pulses'
+        in verdict_of(found, pulses[known], part).line
+    )

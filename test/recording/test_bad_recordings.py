@@ -28,6 +28,7 @@ from rpms_ros.recording import (
 )
 from rpms_ros.recording.rosbag.definitions import FLOAT64, PULSE, WRENCH
 from rpms_ros.recording.rosbag.mcap_files import MAGIC, walk
+from rpms_ros.recording.rosbag.metadata import write_checksums
 from rpms_ros.recording.rosbag.sqlite_files import batches
 
 STORAGES = ['', 'lz4', 'zstd', 'sqlite3']
@@ -376,3 +377,14 @@ def test_a_recording_that_the_device_refused_has_no_end(tmp_path, monkeypatch):
     assert [topic.count for topic in facts.topics] == [1]
     with pytest.raises(RecordingError, match=r'expected an open recording, got .* that is closed'):
         writer.append(topic, 2, b'abc')
+
+
+def test_a_number_of_a_sqlite3_file_that_was_changed_is_named(session, as_sqlite3, tmp_path):
+    write_recording(tmp_path / 'bag', *session)
+    file = as_sqlite3(tmp_path / 'bag')
+    write_checksums(file.parent, (file.name, 'metadata.yaml'))
+    assert read_facts(file.parent).faults == {}
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 4
+    file.write_bytes(content)
+    assert read_facts(file.parent).faults == {'wrong_checksum': 1}

@@ -458,10 +458,11 @@ class Alignment:
             known = np.flatnonzero(samples)
             if np.count_nonzero(pulses) >= _FEWEST and len(known) > _FEWEST:
                 mean = force[known] / samples[known]
-                step = np.diff(np.interp(np.arange(_BINS), known, mean))
+                course = np.interp(np.arange(_BINS), known, mean)
+                step = np.diff(course)
                 found = {} if not self._lasting else found
                 found |= _answered_apart(step, intensity[:-1], pulses[:-1], known[0], known[-1])
-                found |= _going_on(step, pulses[:-1], known[0], known[-1])
+                found |= _going_on(course[:-1], step, pulses[:-1], known[0], known[-1])
         apart = [one for one in self._strange if one[0] <= until_ns]
         if len(apart) >= _FEW_APART:
             lags = np.array([lag for _, _, lag in apart]) / NANOSECONDS_PER_SECOND
@@ -525,8 +526,14 @@ def _correlated(course: FloatArray, drive: FloatArray) -> FloatArray:
     return np.concatenate((by_lag[-_LAGS:], by_lag[: _LAGS + 1]))
 
 
-def _going_on(step: FloatArray, pulses: FloatArray, first: int, last: int) -> dict[str, str]:
-    """Return a doubt if the force goes on at the rate of the pulses where there are none."""
+def _going_on(
+    course: FloatArray, step: FloatArray, pulses: FloatArray, first: int, last: int
+) -> dict[str, str]:
+    """Return a doubt if the force goes on where there are no pulses.
+
+    It does at their rate, or moves as much as with them: those of random intensity leave no trace
+    of their rate.
+    """
     places = np.flatnonzero(pulses)
     period = int(np.median(np.diff(places)))
     every = np.arange(len(step))
@@ -549,14 +556,14 @@ def _going_on(step: FloatArray, pulses: FloatArray, first: int, last: int) -> di
             total += -weight * alike if half % 2 else weight * alike
         return total / _PERIODS, float(np.mean(np.square(step[chosen])))
 
-    (alone, power), (driven, _) = beat(rest), beat(inside & (since <= period))
+    active = inside & (since <= period)
+    (alone, power), (driven, _) = beat(rest), beat(active)
     chance = _CERTAIN * power / np.count_nonzero(rest) ** 0.5
-    if alone < chance or not 0.0 < _ALIKE * driven < alone:
-        return {}
+    found = ''
+    if alone >= chance and 0.0 < _ALIKE * driven < alone:
+        found = 'goes on at the rate of the pulses: some are not in the data'
+    elif course[rest].var() > max(_ALIKE * float(course[active].var()), _CERTAIN**2 * power):
+        found = 'moves as with pulses: some are not in the data, or the patient tenses there'
     seconds = np.count_nonzero(rest) * _BIN_NS / NANOSECONDS_PER_SECOND
-    return {
-        FORCE_WITHOUT_PULSES: (
-            f'{FORCE_WITHOUT_PULSES}: for {seconds:.2g} s without a pulse the force goes on at '
-            'the rate of the pulses: some are not in the data'
-        )
-    }
+    said = f'{FORCE_WITHOUT_PULSES}: for {seconds:.2g} s without a pulse the force {found}'
+    return {FORCE_WITHOUT_PULSES: said} if found else {}

@@ -254,7 +254,7 @@ class ForceIntake:
 _ARTIFACT_NS = 10_000_000
 # Cells of the monitors' grid between two records of the counts of faults.
 _NOTE_CELLS = 10
-# The same between two looks at how pulses and force belong together; half as often where what
+# The same between two looks at how pulses and force belong together; every half minute where what
 # was found stays.
 _ALIGN_CELLS = 50
 
@@ -530,7 +530,7 @@ class IdentificationStream:
         before, self._cells = self._cells, self._cells + cells
         if self._cells // _NOTE_CELLS > before // _NOTE_CELLS:
             self._doubts.note(self._cells, self._samples, self._counter.counts())
-        align = _ALIGN_CELLS if self.estimator.on_line else 2 * _ALIGN_CELLS
+        align = _ALIGN_CELLS if self.estimator.on_line else 6 * _ALIGN_CELLS
         if self._cells // align > before // align:
             self._alignment.judge(self._last_ns)
 

@@ -18,7 +18,7 @@ from rpms_ros.errors import RecordingError, StimulationError
 from rpms_ros.identification.stream.pulse_checks import no_overlap
 from rpms_ros.printable import counted, printable
 from rpms_ros.pulses import PulseTrain, hash_of
-from rpms_ros.recording.rosbag.metadata import SUMS_NAME, read_checksums, sha256
+from rpms_ros.recording.rosbag.metadata import SUMS_NAME, fits, read_checksums
 from rpms_ros.recording.rosbag.reading import (
     DAMAGE,
     RecordingFacts,
@@ -125,18 +125,11 @@ def _checksums(folder: Path, facts: RecordingFacts) -> list[Finding]:
     wrong = [
         f'{name} is missing, cannot be read or is not what was written'
         for name, digest in sums.items()
-        if not _fits(folder / name, digest)
+        if not fits(folder / name, digest)
     ]
     unlisted = sorted(set(facts.files) - sums.keys())
     wrong += [f'{name} is not listed in {SUMS_NAME}' for name in unlisted]
     return _found('checksums', wrong, f'SHA-256 of {", ".join(sums)}')
-
-
-def _fits(path: Path, digest: str) -> bool:
-    try:
-        return path.is_file() and sha256(path) == digest
-    except OSError:
-        return False
 
 
 def _publishers(facts: RecordingFacts) -> list[Finding]:
