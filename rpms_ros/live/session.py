@@ -29,6 +29,7 @@ from rpms_ros.live.heard import (
     texts,
     thinned,
 )
+from rpms_ros.muscle.recruitment import PARAMETER_NAMES
 from rpms_ros.printable import counted
 from rpms_ros.pulses import FloatArray, IntArray, Pulse
 from rpms_ros.report.text import RATE_WORDS, interval_of, label
@@ -125,9 +126,8 @@ class Course:
         return found[::-1]
 
 
-_KNOWN = ('u_thr', 'u_sat', 'alpha_sat', 'alpha_thr', 'order')
 PARAMETERS: Mapping[str, tuple[str, float]] = {
-    **{name: (label(name), 1.0) for name in _KNOWN},
+    **{name: (label(name), 1.0) for name in (*PARAMETER_NAMES, 'order')},
     **{name: (f'{label(name)} [ms]', 1e3) for name in ('twitch_time_constant_s', 'latency_s')},
     'twitch_peak_n': (f'{label("twitch_peak_n")} [{{unit}}]', 1.0),
 }

@@ -146,7 +146,8 @@ class OperatorConsole(NodeOfParts):
 
     def _go_on(self) -> None:
         """Confirm the arming, then start the schedule, while the enable is held."""
-        if not self.client.enable or not self.client.token or self._busy:
+        busy = self._pending is not None and not self._pending.done()
+        if busy or not self.client.enable or not self.client.token:
             return
         if self._state == DriverStatus.DISARMED and not self._started:
             self._pending = self.client.confirm()
@@ -177,10 +178,6 @@ class OperatorConsole(NodeOfParts):
             client.call_async(request)
         else:
             self._say('expected a driver, got none')
-
-    @property
-    def _busy(self) -> bool:
-        return self._pending is not None and not self._pending.done()
 
     def _on_status(self, message: DriverStatus) -> None:
         self._state = int(message.state)
