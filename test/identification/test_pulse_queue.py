@@ -18,8 +18,12 @@ from rpms_ros.identification.quality.doubts import (
     stated_doubt,
 )
 from rpms_ros.identification.quality.verdict import reasons_of_data, verdict_of
-from rpms_ros.identification.stream.pulse_checks import no_overlap, of_one_intensity, range_outside
-from rpms_ros.identification.stream.pulse_queue import PulseQueue
+from rpms_ros.identification.stream.pulse_queue import (
+    PulseQueue,
+    no_overlap,
+    of_one_intensity,
+    range_outside,
+)
 from rpms_ros.muscle import Contraction, simulation_subject
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, ForceTrace, Pulse, PulseTrain
 
