@@ -369,6 +369,5 @@ class Contraction:
             return
         begun = np.concatenate((self._begun_ns, self._onset_ns[used]))
         self._begun_ns = begun[begun >= begun.max() - _REMEMBERED_NS]
-        keep = np.ones(len(self._onset_ns), dtype=np.bool_)
-        keep[used] = False
-        self._onset_ns, self._intensity = self._onset_ns[keep], self._intensity[keep]
+        self._onset_ns = np.delete(self._onset_ns, used)
+        self._intensity = np.delete(self._intensity, used)
