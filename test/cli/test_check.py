@@ -10,12 +10,7 @@ import pytest
 from rpms_ros.stimulation import load_schedule, paper_random, paper_sinusoid
 
 KEYS = [
-    'deliverable',
-    'violations',
-    'mean_power_w',
-    'energy_j',
-    'max_rate_hz',
-    'waits_s',
+    *('deliverable', 'violations', 'mean_power_w', 'energy_j', 'max_rate_hz', 'waits_s'),
     'temperature_c',
 ]
 
@@ -116,22 +111,18 @@ def test_unusable_input_is_one_line(tmp_path, rpms, text, device, fault):
 
 
 def test_files_that_cannot_be_read_or_written(tmp_path, rpms):
-    code, _, err = rpms('check', tmp_path / 'absent.yaml', '--device', 'simulated')
-    assert code == 2
-    assert 'expected a readable schedule file' in err
-    code, _, err = rpms('check', tmp_path, '--device', 'simulated')
-    assert code == 2
-    assert err.endswith(': no regular file\n')
     (tmp_path / 'bytes').write_bytes(b'segments: \xff\xfe')
-    code, _, err = rpms('check', tmp_path / 'bytes', '--device', 'simulated')
-    assert code == 2
-    assert err.endswith('bytes: no text in UTF-8 at byte 10\n')
-    code, _, err = rpms('protocol', 'uniform_random', '--out', tmp_path / 'no' / 'x.yaml')
-    assert code == 2
-    assert 'expected a file to write' in err
-    code, _, err = rpms('protocol', 'uniform_random', '--out', tmp_path / 'x.yaml', '--rate', '0')
-    assert code == 2
-    assert 'rate_hz: expected a number in [0.001, 1000] Hz, got 0.0' in err
+    check = ('check', '--device', 'simulated')
+    protocol = ('protocol', 'uniform_random', '--out')
+    for command, fault in (
+        ((*check, tmp_path / 'absent.yaml'), 'expected a readable schedule file'),
+        ((*check, tmp_path), ': no regular file\n'),
+        ((*check, tmp_path / 'bytes'), 'bytes: no text in UTF-8 at byte 10\n'),
+        ((*protocol, tmp_path / 'no' / 'x.yaml'), 'expected a file to write'),
+        ((*protocol, tmp_path / 'x.yaml', '--rate', '0'), 'expected a number in [0.001, 1000] Hz'),
+    ):
+        code, _, err = rpms(*command)
+        assert (code, fault in err) == (2, True), err
 
 
 def test_a_protocol_replaces_no_file(rpms, tmp_path):

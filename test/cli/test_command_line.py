@@ -24,6 +24,19 @@ def exits(capsys, *arguments):
     return (int(ended.value.code or 0), *capsys.readouterr())
 
 
+def python(code, **environment):
+    """Run a program in a process of its own, with no thread of BLAS asked for."""
+    inherited = {k: v for k, v in os.environ.items() if not k.endswith('_NUM_THREADS')}
+    return subprocess.run(
+        [sys.executable, '-c', code],
+        env=inherited | environment,
+        capture_output=True,
+        text=True,
+        timeout=250,
+        check=False,
+    )
+
+
 @pytest.mark.parametrize(
     ('typed', 'offered'),
     [
@@ -35,22 +48,10 @@ def exits(capsys, *arguments):
     ],
 )
 def test_a_shell_completes_commands_options_and_choices(typed, offered):
-    environment = {
-        **os.environ,
-        '_ARGCOMPLETE': '1',
-        '_ARGCOMPLETE_IFS': '\n',
-        'COMP_LINE': typed,
-        'COMP_POINT': str(len(typed)),
-    }
+    asked = {'_ARGCOMPLETE': '1', '_ARGCOMPLETE_IFS': '\n', 'COMP_LINE': typed}
     program = 'import os; os.dup2(1, 8); from rpms_ros.cli import main; main()'
-    answer = subprocess.run(
-        [sys.executable, '-c', program],
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert answer.stdout.splitlines() == offered
+    answer = python(program, COMP_POINT=str(len(typed)), **asked)
+    assert (answer.returncode, answer.stdout.splitlines()) == (0, offered)
 
 
 def test_help_is_a_command_too(capsys):
@@ -100,12 +101,7 @@ def test_a_slip_of_the_keyboard_is_answered_with_what_was_meant(arguments, meant
 
 
 @pytest.mark.parametrize(
-    ('command', 'more'),
-    [
-        ('identify', '; rpms study takes several'),
-        ('report', '; rpms study takes several'),
-        ('info', ''),
-    ],
+    ('command', 'more'), [('report', '; rpms study takes several'), ('info', '')]
 )
 def test_a_star_that_stands_for_many_recordings_is_not_answered_with_their_names(
     command, more, capsys
@@ -147,17 +143,6 @@ def test_that_it_compiles_is_said_on_stderr_terminal_or_not(capsys, monkeypatch)
         assert capsys.readouterr().err.count('rpms: compiling for this machine, once') == told
 
 
-def run(*arguments, **options):
-    return subprocess.run(
-        [sys.executable, '-m', 'rpms_ros.cli', *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        timeout=250,
-        check=False,
-        env={**os.environ, **options},
-    )
-
-
 @pytest.mark.long
 def test_works_where_there_is_no_ros(short_session):
     code = (
@@ -166,25 +151,18 @@ def test_works_where_there_is_no_ros(short_session):
         'from rpms_ros.cli import main\n'
         f'sys.exit(main(["identify", {str(short_session)!r}, "--json"]))\n'
     )
-    done = subprocess.run(
-        [sys.executable, '-c', code], capture_output=True, text=True, timeout=250, check=False
-    )
+    done = python(code)
     assert (done.returncode, done.stderr) == (0, '')
     assert json.loads(done.stdout)['pulses'] == 200
 
 
-@pytest.mark.parametrize(
-    ('command', 'missing'),
-    [('demo', 'rcl_interfaces'), ('live', 'rclpy')],
-)
+@pytest.mark.parametrize(('command', 'missing'), [('demo', 'rcl_interfaces'), ('live', 'rclpy')])
 def test_a_command_that_needs_ros_says_so_in_a_line(command, missing):
     code = (
         f'import sys\nsys.modules[{missing!r}] = None\nfrom rpms_ros.cli import main\n'
         f'sys.exit(main([{command!r}]))\n'
     )
-    done = subprocess.run(
-        [sys.executable, '-c', code], capture_output=True, text=True, timeout=250, check=False
-    )
+    done = python(code)
     assert (done.returncode, done.stdout) == (2, '')
     assert done.stderr == (
         f'rpms: error: rpms {command} finds no {missing}; it needs ROS 2 Jazzy and rpms_msgs: '
@@ -222,8 +200,5 @@ def test_linear_algebra_has_one_thread(started):
         'numpy.ones((900, 900)) @ numpy.ones((900, 900))\n'
         'print(len(os.listdir("/proc/self/task")))'
     )
-    environment = {k: v for k, v in os.environ.items() if not k.endswith('_NUM_THREADS')}
-    done = subprocess.run(
-        [sys.executable, '-c', code], env=environment, capture_output=True, text=True, check=True
-    )
-    assert done.stdout.split()[-1] == '1', done.stderr
+    done = python(code)
+    assert (done.returncode, done.stdout.split()[-1:]) == (0, ['1']), done.stderr

@@ -215,10 +215,8 @@ def test_a_muscle_at_rest_has_its_own_response():
     muscle = of_subject(subject, 20.0)
     time = np.linspace(0.0, 0.4, 50)
     weight = float(subject.pulse_weight(1.0, 20.0))
-    response = muscle.response(time, 0)
-    assert response is not None
     expected = weight * twitch(time - subject.latency, subject.time_constant, subject.order)
-    np.testing.assert_allclose(response, expected, rtol=1e-12)
+    np.testing.assert_allclose(muscle.response(time, 0), expected, rtol=1e-12)
     sharpness = muscle.parameter('alpha_thr', np.zeros(2, dtype=np.int64))
     assert sharpness.tolist() == [6.0, 6.0]
 
