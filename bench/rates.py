@@ -25,7 +25,7 @@ def true_rate(session, name, end_ns):
         return 0.0
     stamps = np.array([end_ns - int(_KNOT * 1e9), end_ns])
     truth = session.truth
-    paths = {'force_percent': truth.full_force(stamps)}
+    paths = {'force_percent': truth.curve_at(stamps)[-1]}
     paths['time_constant_percent'] = truth.at('time_constant', stamps)
     before, now = paths[name]
     return 6000.0 / _KNOT * (now - before) / now

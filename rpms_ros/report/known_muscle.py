@@ -95,15 +95,20 @@ class KnownMuscle:
 
     def at(self, name: str, stamp_ns: IntArray | int) -> FloatArray:
         """Return a part of `state` at stamps (stamps,) [ns]."""
-        return _between(self.stamp_ns, self.state[name], stamp_ns)
+        return self._between(self.state[name], stamp_ns)
 
-    def curve_at(self, stamp_ns: int) -> FloatArray:
-        """Return the steady force (points,) at a time [ns]."""
-        return np.array([_between(self.stamp_ns, one, stamp_ns) for one in self.curve.T])
+    def curve_at(self, stamp_ns: IntArray | int) -> FloatArray:
+        """Return the steady force (points,) at a time, or (points, stamps) at stamps [ns]."""
+        return np.array([self._between(one, stamp_ns) for one in self.curve.T])
 
-    def full_force(self, stamp_ns: IntArray) -> FloatArray:
-        """Return the steady force at full intensity at stamps (stamps,) [ns]."""
-        return _between(self.stamp_ns, self.curve[:, -1], stamp_ns)
+    def _between(self, values: FloatArray, wanted: IntArray | int) -> FloatArray:
+        # relative to the first: a double does not resolve nanoseconds since 1970
+        elapsed, times = (
+            (np.asarray(stamp_ns) - self.stamp_ns[0]).astype(np.float64)
+            for stamp_ns in (wanted, self.stamp_ns)
+        )
+        found: FloatArray = np.interp(elapsed, times, values)
+        return found
 
     def parameter(self, name: str, stamp_ns: IntArray) -> FloatArray | None:
         """Return a parameter of the curve at stamps (stamps,), None if it is not known."""
@@ -160,12 +165,12 @@ class KnownMuscle:
         if not len(late) or np.isnan(errors[-1]):
             return None
         worst = int(np.nanargmax(errors))
-        time = np.array([one.stamp_ns - course.start_ns for one in late]) / NANOSECONDS_PER_SECOND
+        worst_ns = late[worst].stamp_ns - course.start_ns
         inside = np.array([self.inside(one) for one in late])
         return Judgement(
             error_at_the_end=float(errors[-1]),
             worst_error=float(errors[worst]),
-            worst_at_s=float(time[worst]) if len(late) > 1 else 0.0,
+            worst_at_s=worst_ns / NANOSECONDS_PER_SECOND if len(late) > 1 else 0.0,
             since_s=since,
             inside_band=float(np.nanmean(inside)) if np.isfinite(inside).any() else None,
         )
@@ -223,9 +228,9 @@ def of_subject(subject: Subject, rate_hz: float) -> KnownMuscle:
     """Return a muscle that does not change; its curve is stated for a repetition rate [Hz]."""
     recruitment = subject.recruitment
     known = (recruitment.threshold, recruitment.saturation, subject.time_constant, subject.latency)
-    state = {name: np.array([value]) for name, value in zip(_STATE, known, strict=True)}
+    names = (*_STATE, 'effort')
+    state = {name: np.array([value]) for name, value in zip(names, (*known, 0.0), strict=True)}
     curve = subject.steady_force(CURVE_INTENSITY, rate_hz)[np.newaxis]
-    state['effort'] = np.zeros(1)
     return KnownMuscle(
         np.zeros(1, dtype=np.int64), rate_hz, CURVE_INTENSITY, curve, state, subject
     )
@@ -240,13 +245,3 @@ def _noted_subject(notes: Mapping[str, str]) -> Subject | None:
         return replace(Subject(**values), recruitment=recruitment, rate_recruitment=rates)
     except (KeyError, TypeError, ValueError, AttributeError, MuscleError):
         return None
-
-
-def _between(stamp_ns: IntArray, values: FloatArray, wanted: IntArray | int) -> FloatArray:
-    # relative to the first: a double does not resolve nanoseconds since 1970
-    found: FloatArray = np.interp(
-        (np.asarray(wanted) - stamp_ns[0]).astype(np.float64),
-        (stamp_ns - stamp_ns[0]).astype(np.float64),
-        values,
-    )
-    return found

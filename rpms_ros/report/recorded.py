@@ -67,7 +67,7 @@ class DriverTotals:
     faults: dict[str, int]
 
 
-@dataclass(frozen=True)
+@dataclass
 class RecordedMessages:
     """Messages of the nodes in a recording.
 
@@ -83,9 +83,9 @@ class RecordedMessages:
         True states published by a simulator.
     """
 
-    estimates: list[Estimate]
-    driver: DriverTotals | None
-    unreadable: int
+    estimates: list[Estimate] = field(default_factory=list)
+    driver: DriverTotals | None = None
+    unreadable: int = 0
     truths: list[Truth] = field(default_factory=list)
 
 
@@ -110,11 +110,8 @@ def recorded_messages(
     RecordingError
         If the recording cannot be read, or several nodes published estimates.
     """
-    estimates: list[Estimate] = []
-    truths: list[Truth] = []
-    driver = None
+    found = RecordedMessages()
     topics: set[str] = set()
-    unreadable = 0
     scan = Scan(Path(path), memory)
     wanted = (block for block in scan.blocks() if block[0].type_name in only)
     for channel, records in wanted:
@@ -122,21 +119,21 @@ def recorded_messages(
         for size, message in zip(sizes, decoded(channel, records), strict=True):
             try:
                 if channel.type_name == DRIVER_STATUS:
-                    driver = _totals(driver, message)
+                    found.driver = _totals(found.driver, message)
                 elif channel.type_name == messages.MUSCLE_TRUTH:
-                    truths.append(estimate_messages.truth_of(message))
+                    found.truths.append(estimate_messages.truth_of(message))
                     scan.budget.hold(_PER_TRUTH + size)
                 else:
-                    estimates.append(estimate_messages.estimate_of(message))
+                    found.estimates.append(estimate_messages.estimate_of(message))
                     scan.budget.hold(_PER_ESTIMATE + size)
                     topics.add(channel.topic)
             except _NOT_THERE:
-                unreadable += 1
+                found.unreadable += 1
     if len(topics) > 1:
         raise RecordingError(
             f'expected estimates of one identifier in {path}, got {", ".join(sorted(topics))}'
         )
-    return RecordedMessages(estimates, driver, unreadable, truths)
+    return found
 
 
 def true_muscle(

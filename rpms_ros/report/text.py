@@ -13,9 +13,10 @@ from statistics import NormalDist
 from rpms_ros.errors import ReportError
 from rpms_ros.printable import printable
 
+# Columns of a line, if the terminal has them.
 _WIDEST = 100
-# How far a word that does not fit beside its label is indented below it.
-_CLOSE = 4
+# Before a word that does not fit beside its label, and before what continues a note.
+_CLOSE = '    '
 # Of the upper end of an interval.
 _NEAR = 0.1
 # Narrower and larger numbers are shown with four digits.
@@ -36,11 +37,6 @@ def write_text(path: Path, text: str) -> None:
         path.write_text(text, encoding='utf-8')
     except OSError as error:
         raise ReportError(f'expected to write {path}, got {error}') from error
-
-
-def width() -> int:
-    """Return how many columns a line may have: those of the terminal, at most 100."""
-    return min(_WIDEST, shutil.get_terminal_size((_WIDEST, 24)).columns)
 
 
 def labelled(rows: Iterable[tuple[str, str]]) -> str:
@@ -85,20 +81,16 @@ def with_interval(
 
 def noted(rows: Iterable[tuple[str, str]]) -> str:
     """Return ``name: text`` for each, a long text indented on the lines that follow."""
-    return '\n'.join(_wrapped(f'  {label}: ', text, 4) for label, text in rows)
+    return '\n'.join(_wrapped(f'  {label}: ', text, _CLOSE) for label, text in rows)
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], texts: int = 1) -> str:
     """Return a table; the first `texts` columns are aligned left, the numbers after them right."""
     lines = [list(head), *([printable(cell) for cell in row] for row in rows)]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    return '\n'.join(
-        '  '.join(
-            cell.ljust(size) if column < texts else cell.rjust(size)
-            for column, (cell, size) in enumerate(zip(line, widths, strict=True))
-        ).rstrip()
-        for line in lines
-    )
+    sides = '<' * texts + '>' * (len(head) - texts)
+    shape = '  '.join(f'{{:{side}{size}}}' for side, size in zip(sides, widths, strict=True))
+    return '\n'.join(shape.format(*line).rstrip() for line in lines)
 
 
 def collapsed(findings: Iterable[tuple[str, str]]) -> list[str]:
@@ -116,22 +108,18 @@ def _names(names: Sequence[str]) -> str:
     return ', '.join(names) if len(names) <= 3 else f'{names[0]} and {len(names) - 1} more'
 
 
-def _wrapped(start: str, text: str, indent: int | None = None) -> str:
+def _wrapped(start: str, text: str, later: str | None = None) -> str:
     text = ''.join(letter if letter.isprintable() or letter.isspace() else '?' for letter in text)
-    room = max(width(), len(start) + 20)
-    later = ' ' * (len(start) if indent is None else indent)
+    columns = min(_WIDEST, shutil.get_terminal_size((_WIDEST, 24)).columns)
+    room, above = max(columns, len(start) + 20), ''
+    later = ' ' * len(start) if later is None else later
     # hashes and other text to be copied are not split
     if len(later) + max(map(len, text.split()), default=0) > room:
-        close = ' ' * _CLOSE
-        return f'{start.rstrip()}\n{_filled(close, close, text, room)}'
-    return _filled(start, later, text, room) or start.rstrip()
-
-
-def _filled(start: str, later: str, text: str, room: int) -> str:
+        above, start, later = f'{start.rstrip()}\n', _CLOSE, _CLOSE
     shape = textwrap.TextWrapper(
         room, initial_indent=start, subsequent_indent=later, break_on_hyphens=False
     )
-    return shape.fill(text)
+    return above + (shape.fill(text) or start.rstrip())
 
 
 _SHARE = ' of the maximum'
