@@ -19,8 +19,9 @@ from rpms_ros.api.loading import from_arrays, load
 from rpms_ros.api.session import Session
 from rpms_ros.api.simulating import simulate
 from rpms_ros.errors import RpmsError
+from rpms_ros.identification.quality.explained_force import Stated
 from rpms_ros.identification.quality.verdict import Verdict
-from rpms_ros.report.result import Curve, ImpulseResponse, Stated
+from rpms_ros.report.result import Curve, ImpulseResponse
 
 __all__ = [
     'Curve',

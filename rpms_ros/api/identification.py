@@ -12,12 +12,12 @@ import numpy as np
 from rpms_ros.api.session import Session, as_html
 from rpms_ros.errors import ReportError
 from rpms_ros.identification import IdentifiedSession
+from rpms_ros.identification.quality.explained_force import Stated
 from rpms_ros.identification.quality.verdict import Verdict
 from rpms_ros.report.result import (
     Curve,
     IdentificationResult,
     ImpulseResponse,
-    Stated,
     result_rows,
 )
 from rpms_ros.report.text import labelled
@@ -168,17 +168,15 @@ class Identification:
             An empty figure to draw into; else one is made by ``matplotlib.pyplot``, which shows
             it in a notebook, and in a script with ``plt.show()``.
         """
-        from rpms_ros.report.figures import fill_session_figure
-        from rpms_ros.report.result import trains_of
+        from rpms_ros.report.figures import draw_session
 
         if figure is None:
             from matplotlib import pyplot as plt
 
             figure = plt.figure(figsize=(12.0, 8.4), layout='constrained')
         one = self.session
-        trains = trains_of(one.recording, self.result)
-        fill_session_figure(figure, self.estimates, one.pulses, self._truth(), one.name, trains)
-        return figure
+        found = (self.estimates, one.pulses, self._truth(), one.name, self.result.trains)
+        return draw_session(*found, figure)
 
     def _truth(self) -> 'KnownMuscle | None':
         """Return the muscle of a simulated session."""

@@ -113,15 +113,8 @@ def _analyzed(
 
     if arguments.unknown_intensity:
         pulses = replace(pulses, intensity=np.full(len(pulses), np.nan))
-    done_of: dict[str, int] = {}
     with progress('analysing', None, 'responses', arguments.quiet) as advance:
-
-        def tell(label: str, done: int, total: int) -> None:
-            del total
-            advance(done - done_of.get(label, 0))
-            done_of[label] = done
-
-        return analyze(pulses, forces, progress=tell)
+        return analyze(pulses, forces, progress=lambda *_: advance(1))
 
 
 def _write(folder: Path, names: Sequence[str], analyses: Sequence['MuscleAnalysis']) -> None:

@@ -23,7 +23,6 @@ from rpms_ros.cli.options import (
     progress,
     read,
     verdict_code,
-    verdict_settings,
     warn,
 )
 from rpms_ros.printable import printable
@@ -100,7 +99,7 @@ def run(arguments: argparse.Namespace) -> int:
         # The result is the last estimate; figures, and whether the muscle changed, need more.
         most = _MOST_ESTIMATES if arguments.out or arguments.estimator == FOLLOWER else 1
         session = identified(recording, options, advance, most)
-    result = result_of(recording, session, verdict_settings(arguments))
+    result = result_of(recording, session, options.expected_force)
     if arguments.json:
         print(json.dumps(plain(result), allow_nan=False))
     else:
@@ -119,12 +118,13 @@ def _write(
     title: str,
 ) -> None:
     """Write the result and its figure, as pixels and as vectors."""
-    from rpms_ros.report.figures import draw_session
+    from rpms_ros.report.analysis_figures import save_figure
+    from rpms_ros.report.figures import draw_session, style
     from rpms_ros.report.recorded import true_muscle
-    from rpms_ros.report.result import trains_of
     from rpms_ros.schema import plain
 
-    truth, trains = true_muscle(recording, result.rate_hz), trains_of(recording, result)
+    truth = true_muscle(recording, result.rate_hz)
     write_text(folder / 'result.json', json.dumps(plain(result), allow_nan=False, indent=1))
-    paths = (folder / 'session.png', folder / 'session.svg')
-    draw_session(paths, session, recording.pulses, truth, title, trains)
+    figure = draw_session(session, recording.pulses, truth, title, result.trains)
+    with style():
+        save_figure(figure, folder / 'session.png', folder / 'session.svg')

@@ -15,7 +15,6 @@ from rpms_ros.report.text import collapsed
 
 if TYPE_CHECKING:
     from rpms_ros.identification import Estimator
-    from rpms_ros.identification.quality.verdict import VerdictSettings
     from rpms_ros.recording import Recording, Topics
     from rpms_ros.report.result import IdentificationOptions
 
@@ -120,16 +119,11 @@ def add_reading_options(parser: argparse.ArgumentParser) -> None:
     add_option(group, '--axis AXIS', 'z', text)
     text = '-1 if the sensor shows the pull of the muscle as negative'
     add_option(group, '--sign', 1, text, choices=(1, -1))
-    add_quantity_option(group)
-
-
-def add_quantity_option(parser: 'argparse._ActionsContainer') -> None:
-    """Add what the sensor measures."""
     text = (
         'what the sensor measures; of an isometric dynamometer the torque of the wrench is read '
         'instead of its force, and everything is in N m'
     )
-    add_option(parser, '--quantity', 'force', text, choices=('force', 'torque'))
+    add_option(group, '--quantity', 'force', text, choices=('force', 'torque'))
 
 
 def add_estimator_options(parser: argparse.ArgumentParser) -> None:
@@ -159,7 +153,7 @@ def identification_options(arguments: argparse.Namespace) -> 'IdentificationOpti
     """Return how a recording is identified, as the options say."""
     from rpms_ros.report.result import IdentificationOptions
 
-    names = ('estimator', 'preset', 'rate_hz', 'seed')
+    names = ('estimator', 'preset', 'rate_hz', 'seed', 'expected_force')
     return IdentificationOptions(**{name: getattr(arguments, name) for name in names})
 
 
@@ -167,13 +161,6 @@ def add_verdict_option(parser: argparse.ArgumentParser) -> None:
     """Add what the verdict takes for granted."""
     text = 'force that this muscle can have at most [N]; more is taken for a wrong unit'
     add_option(parser, '--expected-force N', 200.0, text)
-
-
-def verdict_settings(arguments: argparse.Namespace) -> 'VerdictSettings':
-    """Return the thresholds of the verdict, as the options say."""
-    from rpms_ros.identification.quality.verdict import VerdictSettings
-
-    return VerdictSettings(expected_force=arguments.expected_force)
 
 
 def verdict_code(grade: str, recording: 'Recording') -> int:

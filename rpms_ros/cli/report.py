@@ -23,7 +23,6 @@ from rpms_ros.cli.options import (
     progress,
     read,
     verdict_code,
-    verdict_settings,
     warn,
 )
 from rpms_ros.report.text import write_text
@@ -49,8 +48,7 @@ def add_report(subparsers: Subparsers) -> None:
     parser = add_command(subparsers, 'report', run, text, _DESCRIPTION, _EXAMPLES)
     add_bag(parser)
     add_option(parser, '--out FILE', Path('report.html'), 'page to write', type=Path)
-    text = 'folder for the figures and report.json'
-    add_option(parser, '--files DIR', None, text, type=Path)
+    add_option(parser, '--files DIR', None, 'folder for the figures and report.json', type=Path)
     text = 'also print what the page holds as one JSON object'
     parser.add_argument('--json', action='store_true', help=text)
     text = 'headline; the note "muscle" or the name of the recording if not given'
@@ -89,23 +87,20 @@ def _report(arguments: argparse.Namespace) -> 'SessionReport':
     from rpms_ros.recording.importing import is_foreign
     from rpms_ros.report.recorded import RecordedMessages, recorded_messages
     from rpms_ros.report.result import identified, result_of
-    from rpms_ros.report.session import ReportSettings, report_of
+    from rpms_ros.report.session import report_of
 
-    settings = ReportSettings(
-        held_out_share=arguments.held_out,
-        command=shlex.join(['rpms', *sys.argv[1:]]) if sys.argv[1:2] == ['report'] else '',
-    )
-    verdict, options = verdict_settings(arguments), identification_options(arguments)
+    options = identification_options(arguments)
     recording = read(arguments.bag, arguments)
-    messages = RecordedMessages([], None, 0)
+    messages = RecordedMessages()
     if not is_foreign(arguments.bag):
         messages = recorded_messages(arguments.bag, memory=arguments.max_memory)
     noted = recording.facts.custom.get('muscle', '').strip()
     title = arguments.title or noted or arguments.bag.resolve().name
+    command = shlex.join(['rpms', *sys.argv[1:]]) if sys.argv[1:2] == ['report'] else ''
     compile_estimator(options.build, arguments.quiet)
     count = 2 * len(recording.forces)
     with progress('identifying', count, 'samples', arguments.quiet) as advance:
         session = identified(recording, options, advance)
-        result = result_of(recording, session, verdict)
-        build = options.build
-        return report_of(title, recording, messages, session, result, build, settings, advance)
+        result = result_of(recording, session, options.expected_force)
+        found = (recording, messages, session, result, options.build())
+        return report_of(title, *found, arguments.held_out, command, advance)

@@ -50,8 +50,7 @@ def add_simulate(subparsers: Subparsers) -> None:
     )
     add_option(group, '--duration S', 90.0, 'length [s]')
     add_option(group, '--pulse-rate HZ', 20.0, '[Hz]')
-    text = 'of the constant schedule, share of the maximum'
-    add_option(group, '--intensity SHARE', 1.0, text)
+    add_option(group, '--intensity SHARE', 1.0, 'of the constant schedule, share of the maximum')
     add_option(group, '--seed', 1, 'of pulses, noise and random subject')
     group = parser.add_argument_group('muscle and force sensor')
     add_option(

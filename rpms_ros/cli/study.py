@@ -41,8 +41,7 @@ def add_study(subparsers: Subparsers) -> None:
     text = 'recordings, or folders of recordings'
     parser.add_argument('bags', type=Path, nargs='+', metavar='BAG', help=text)
     parser.add_argument('--out', type=Path, required=True, metavar='DIR', help='of the table')
-    text = 'processes (default: one a processor)'
-    add_option(parser, '--jobs N', None, text, type=int)
+    add_option(parser, '--jobs N', None, 'processes (default: one a processor)', type=int)
     add_reading_options(parser)
     add_estimator_options(parser)
     add_verdict_option(parser)

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from rpms_ros.axis import QUANTITIES
@@ -21,7 +20,7 @@ from rpms_ros.identification.analysis import (
     SummationAnalysis,
     TwitchAnalysis,
 )
-from rpms_ros.identification.analysis.trains import TrainAnalysis
+from rpms_ros.identification.analysis.trains import TrainAnalysis, evenly
 from rpms_ros.identification.analysis.twitch_fits import CONSTANT, PEAK
 from rpms_ros.identification.analysis.twitches import LatencyTable
 from rpms_ros.muscle import twitch
@@ -87,7 +86,7 @@ def draw_twitches(found: TwitchAnalysis, title: str = '') -> Figure:
     )
     for index, order in enumerate(found.fits.orders):
         error.semilogy(
-            100 * found.fits.column(PEAK, order) / _top_peak(found),
+            100 * found.fits.column(PEAK, order) / found.top_peak,
             found.fits.least_error(order),
             MARKERS[index],
             color=COLOURS[index],
@@ -120,11 +119,6 @@ def _draw_example(axes: Axes, found: TwitchAnalysis) -> None:
     axes.legend(fontsize=8)
 
 
-def _top_peak(found: TwitchAnalysis) -> float:
-    peak = found.fits.column(PEAK, found.choice.order)
-    return float(np.median(peak / found.relative_peak))
-
-
 def _draw_latency(axes: Axes, table: LatencyTable, index: int) -> None:
     if not table.rows:
         return
@@ -149,30 +143,22 @@ def _label_forces(figure: Figure, unit: str) -> None:
             axes.set_ylabel(f'{QUANTITIES[unit]} [{unit}]')
 
 
-def draw_trains(found: SummationAnalysis, title: str = '', unit: str = 'N') -> Figure:
+def draw_trains(
+    found: SummationAnalysis, title: str = '', unit: str = 'N', figure: Figure | None = None
+) -> Figure:
     """Return trains with their models, and the gains of their pulses (Figs. 6 to 8).
 
     Every train has a panel; of more than `MOST_TRAINS`, so many are chosen evenly over numbers of
-    pulses and rates, and the title says so.
+    pulses and rates, and the title says so.  An empty `figure` is drawn into, its size set.
     """
-    figure = _figure(1.0, 1.0, '')
-    fill_train_figure(figure, found, title, unit)
-    return figure
-
-
-def fill_train_figure(
-    figure: Figure, found: SummationAnalysis, title: str = '', unit: str = 'N'
-) -> None:
-    """Draw trains into an empty figure, whose size is set; parameters as of `draw_trains`."""
-    picked = _picked(found)
-    if len(picked) < len(found.trains):
-        chosen = f'{len(picked)} of {len(found.trains)} trains, evenly over pulses and rates'
+    ordered = sorted(found.trains, key=lambda train: (len(train.response.onset), train.rate_hz))
+    picked = [ordered[place] for place in evenly(len(ordered), MOST_TRAINS)]
+    if len(picked) < len(ordered):
+        chosen = f'{len(picked)} of {len(ordered)} trains, evenly over pulses and rates'
         title = f'{title}: {chosen}' if title else chosen
     columns = min(3 if len(picked) <= 12 else 4, len(picked))
     rows = -(-len(picked) // columns)
-    figure.set_size_inches(3.9 * columns + 4.0, 2.9 * rows + 0.6)
-    if title:
-        figure.suptitle(title, fontsize=11)
+    figure = _figure(3.9 * columns + 4.0, 2.9 * rows + 0.6, title, figure)
     grid = figure.add_gridspec(rows, columns + 1, width_ratios=[1.0] * columns + [1.1])
     for index, train in enumerate(picked):
         axes = figure.add_subplot(grid[index // columns, index % columns])
@@ -181,6 +167,7 @@ def fill_train_figure(
             axes.legend(fontsize=7)
     _draw_gains(figure.add_subplot(grid[:, columns]), found)
     _label_forces(figure, unit)
+    return figure
 
 
 def _draw_gains(axes: Axes, found: SummationAnalysis) -> None:
@@ -208,40 +195,24 @@ def _draw_gains(axes: Axes, found: SummationAnalysis) -> None:
     axes.legend(fontsize=7)
 
 
-def _picked(found: SummationAnalysis) -> list[TrainAnalysis]:
-    """Return the trains that have a panel: all, or so many chosen evenly."""
-    ordered = sorted(found.trains, key=lambda train: (len(train.response.onset), train.rate_hz))
-    return [ordered[place] for place in _evenly(len(ordered), MOST_TRAINS)]
-
-
-def _evenly(count: int, most: int) -> list[int]:
-    """Return at most so many of `count` places, evenly chosen."""
-    places = np.linspace(0, count - 1, min(most, count)).round().astype(np.int64)
-    return [int(place) for place in np.unique(places)]
-
-
 def _draw_train(axes: Axes, train: TrainAnalysis) -> None:
     response = train.response
     force = np.where(response.usable, response.force, np.nan)
     axes.plot(response.lag, force, color=MEASURED, lw=2.5, label='measured')
-    explained = [('equal pulses', train.equal), ('a gain a pulse', train.gains)]
-    if train.law is not None:
-        explained.append(('history law', train.law))
-    for index, (name, fit) in enumerate(explained):
-        axes.plot(
-            response.lag,
-            fit.modelled,
-            ls=('--', ':', '-')[index],
-            lw=(1.3, 1.6, 0.9)[index],
-            color=('black', COLOURS[1], COLOURS[0])[index],
-            label=name,
-        )
+    fits = []
+    for name, fit, dashes, width, colour in (
+        ('equal pulses', train.equal, '--', 1.3, 'black'),
+        ('a gain a pulse', train.gains, ':', 1.6, COLOURS[1]),
+        ('history law', train.law, '-', 0.9, COLOURS[0]),
+    ):
+        if fit is not None:
+            axes.plot(response.lag, fit.modelled, ls=dashes, lw=width, color=colour, label=name)
+            fits.append(f'{fit.fit:.1f}')
     axes.plot(
         response.onset, np.full(len(response.onset), axes.get_ylim()[0]), '|', color='black', ms=6
     )
-    fits = ' / '.join(f'{fit.fit:.1f}' for _, fit in explained)
     unseen = ', law unseen' if train.held_out else ''
-    axes.set_title(f'{_name(train)}{unseen}: {fits} %', fontsize=8)
+    axes.set_title(f'{_name(train)}{unseen}: {" / ".join(fits)} %', fontsize=8)
     # twelve time constants after its onset a twitch of order 3 or 4 is over
     end = response.onset[-1] + train.equal.latency + 12.0 * train.equal.time_constant
     axes.set_xlim(response.lag[0], min(end, response.lag[-1]))
@@ -261,17 +232,15 @@ def draw_field(found: FieldAnalysis, title: str = '') -> Figure:
     levels = np.array([point.intensity for point in found.points])
     force = np.array([point.force for point in found.points])
     scale = found.maximum_force.value
-    shown = _spread_out(_frequent(np.round(rates, 1)))
     u = np.linspace(0.0, 1.0, 101)
     _draw_family(
-        by_intensity, shown, np.round(rates, 1), 100 * levels, force / scale,
+        by_intensity, np.round(rates, 1), 100 * levels, force / scale,
         lambda rate: (100 * u, found.recruitment(u, rate)), '{:g} Hz',
     )  # fmt: skip
     by_intensity.set(xlabel='intensity [%]', ylabel=r'$\rho$, 1 at 100 % and 20 Hz')
     f = np.linspace(rates.min(), rates.max(), 101)
-    chosen = _spread_out(_frequent(np.round(levels, 3)))
     _draw_family(
-        by_rate, chosen, np.round(levels, 3), rates, force / scale,
+        by_rate, np.round(levels, 3), rates, force / scale,
         lambda level: (f, found.recruitment(level, f)), '{:.0%}',
     )  # fmt: skip
     by_rate.set(xlabel='repetition rate [Hz]', ylabel=r'$\rho$')
@@ -288,28 +257,19 @@ def draw_field(found: FieldAnalysis, title: str = '') -> Figure:
     return figure
 
 
-def _frequent(values: np.ndarray) -> np.ndarray:
-    """Return the values that come three times or more, or all if none does."""
-    distinct, count = np.unique(values, return_counts=True)
-    return np.asarray(distinct[count >= min(3, count.max())])
-
-
-def _spread_out(values: np.ndarray) -> list[float]:
-    """Return at most as many values as there are kinds of line, evenly chosen."""
-    return [float(values[place]) for place in _evenly(len(values), len(DASHES))]
-
-
 def _draw_family(
     axes: Axes,
-    members: list[float],
     member_of: np.ndarray,
     abscissa: np.ndarray,
     ordinate: np.ndarray,
     curve: Callable[[float], tuple[np.ndarray, np.ndarray]],
     label: str,
 ) -> None:
-    """Draw points with the curve through them, one kind of line a member."""
-    for index, member in enumerate(members):
+    """Draw points with the curve through them, one kind of line a member, evenly chosen."""
+    distinct, count = np.unique(member_of, return_counts=True)
+    # those that come three times or more, or all if none does
+    frequent = distinct[count >= min(3, count.max())]
+    for index, member in enumerate(frequent[evenly(len(frequent), len(DASHES))].tolist()):
         mine = member_of == member
         axes.plot(abscissa[mine], ordinate[mine], MARKERS[index], color=COLOURS[index],
                   mfc='white', ms=4)  # fmt: skip
@@ -318,9 +278,9 @@ def _draw_family(
     axes.legend(fontsize=7)
 
 
-def _figure(width: float, height: float, title: str) -> Figure:
-    figure = Figure(figsize=(width, height), layout='constrained', dpi=130)
-    FigureCanvasAgg(figure)
+def _figure(width: float, height: float, title: str, figure: Figure | None = None) -> Figure:
+    figure = figure or Figure(layout='constrained', dpi=130)
+    figure.set_size_inches(width, height)
     if title:
         figure.suptitle(title, fontsize=11)
     return figure

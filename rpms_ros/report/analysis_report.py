@@ -18,6 +18,7 @@ from rpms_ros.identification.analysis import (
 )
 from rpms_ros.identification.analysis.dynamics import HISTORY_LAW, TrainDynamics, train_dynamics
 from rpms_ros.identification.analysis.recruitment_field import Interval
+from rpms_ros.identification.analysis.responses import counted_reasons
 from rpms_ros.identification.analysis.trains import TrainAnalysis
 from rpms_ros.identification.analysis.twitches import LatencyTable
 from rpms_ros.printable import counted
@@ -88,8 +89,7 @@ def _train(train: TrainAnalysis) -> Document:
 def _field(found: FieldAnalysis) -> Document:
     names = 'maximum_force rates_fitted residual worst_interval shape_difference'
     return {
-        **_fields(found, f'{names} monotone_intensity monotone_share'),
-        'parameters': dict(found.parameters),
+        **_fields(found, f'{names} monotone_intensity monotone_share parameters'),
         'by_intensity': found.recruitment.by_intensity,
         'by_rate': found.recruitment.by_rate,
         'levels': len(found.points),
@@ -132,8 +132,7 @@ def _rows(analysis: MuscleAnalysis) -> list[Row]:
 
 
 def _with_rejected(found: TwitchAnalysis | SummationAnalysis, count: int) -> str:
-    rejected = ', '.join(f'{count} x {reason}' for reason, count in found.rejected.items())
-    return f'{count}, rejected: {rejected or "none"}'
+    return f'{count}, rejected: {counted_reasons(found.rejected) or "none"}'
 
 
 def _twitch_rows(found: TwitchAnalysis) -> list[Row]:
@@ -218,7 +217,7 @@ def _field_rows(found: FieldAnalysis, unit: str) -> list[Row]:
     }
     if found.rates_fitted:
         shown |= {'rate_saturation': '{:.3g} Hz', 'rate_slope': '{:.3g}'}
-    values = dict(found.parameters)
+    values = found.parameters
     return rows + [(f'  {name}', _interval(values[name], text)) for name, text in shown.items()]
 
 

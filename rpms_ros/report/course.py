@@ -12,13 +12,12 @@ from scipy.special import ndtri
 
 from rpms_ros.axis import QUANTITIES
 from rpms_ros.identification import NOT_INFORMED, Estimate, IdentifiedSession
+from rpms_ros.identification.analysis.trains import evenly
 from rpms_ros.identification.quality.doubts import MEANING, NO_CONSTANT_MUSCLE, REASON
-from rpms_ros.identification.quality.explained_force import informed_physiology
+from rpms_ros.identification.quality.explained_force import Stated, informed_physiology
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray
 from rpms_ros.schema import documented
 
-Band = tuple[float, float, float]
-"""A value and the ends of its interval."""
 MOST_SHOWN = 300
 """Most estimates that are drawn, evenly spaced: a page has no more pixels."""
 # Time for an estimator to settle; the first fifth of a shorter session [s].
@@ -78,11 +77,6 @@ class TimeCourse:
         ends = (factor * one for one in (self.value, self.lower, self.upper))
         return TimeCourse(*ends)
 
-    @property
-    def has_interval(self) -> bool:
-        """Whether there is an interval anywhere."""
-        return bool(np.isfinite(self.lower).any())
-
 
 @dataclass(frozen=True)
 class Course:
@@ -116,10 +110,7 @@ class Course:
     @cached_property
     def shown(self) -> IntArray:
         """Which estimates to draw: at most `MOST_SHOWN`, first and last included."""
-        count = len(self.estimates)
-        if count <= MOST_SHOWN:
-            return np.arange(count)
-        return np.linspace(0, count - 1, MOST_SHOWN).round().astype(np.int64)
+        return evenly(len(self.estimates), MOST_SHOWN)
 
     @cached_property
     def settled(self) -> BoolArray:
@@ -136,7 +127,7 @@ class Course:
     def force(self) -> TimeCourse:
         """Steady force at full intensity, in the unit of the estimates."""
         return _path(
-            (one.curve_force[-1], _last(one.curve_lower), _last(one.curve_upper))
+            Stated(one.curve_force[-1], _last(one.curve_lower), _last(one.curve_upper))
             if one.curve_known and one.samples
             else None
             for one in self.estimates
@@ -148,7 +139,7 @@ class Course:
 
     def physiology(self, name: str) -> TimeCourse:
         """Return a number of the physiology, unknown where it is not informed."""
-        return _path(_physiology(one, name) for one in self.estimates)
+        return _path(informed_physiology(one).get(name) for one in self.estimates)
 
     @cached_property
     def disturbance(self) -> TimeCourse:
@@ -169,14 +160,12 @@ class Course:
     def changes(self) -> list[Change]:
         """The sudden changes, each once, in their order."""
         found: dict[int, Change] = {}
-        for one in self.estimates:
-            first = one.changes - len(one.change_kinds)
+        for one, time_s in zip(self.estimates, self.time_s.tolist(), strict=True):
             pairs = zip(one.change_kinds, one.change_ago.tolist(), strict=True)
-            for index, (kind, ago) in enumerate(pairs):
-                time = (one.stamp_ns - self.start_ns) / NANOSECONDS_PER_SECOND - ago
+            for number, (kind, ago) in enumerate(pairs, one.changes - len(one.change_kinds)):
                 reason = MEANING_OF_CHANGE.get(kind, _UNNAMED)
-                found[first + index] = Change(time_s=time, kind=kind, reason=reason)
-        return [found[index] for index in sorted(found)]
+                found[number] = Change(time_s=time_s - ago, kind=kind, reason=reason)
+        return [found[number] for number in sorted(found)]
 
     @cached_property
     def flags(self) -> list[Flag]:
@@ -198,30 +187,21 @@ def course_of(session: IdentifiedSession) -> Course:
     return Course(session.estimates, start, end)
 
 
-def _parameter(one: Estimate, name: str) -> Band | None:
+def _parameter(one: Estimate, name: str) -> Stated | None:
     index = one.nonlinear_names.index(name)
     flags = one.nonlinear_identifiability
     if not one.samples or (len(flags) > index and flags[index] == NOT_INFORMED):
         return None
     value = float(one.nonlinear[index])
     if len(one.nonlinear_covariance) <= index or not one.confidence:
-        return value, np.nan, np.nan
+        return Stated(value, np.nan, np.nan)
     variance = max(float(one.nonlinear_covariance[index, index]), 0.0)
     return _banded(value, variance**0.5, one.confidence)
 
 
-def _banded(value: float, deviation: float, confidence: float) -> Band:
+def _banded(value: float, deviation: float, confidence: float) -> Stated:
     half = float(ndtri(0.5 + 0.5 * confidence)) * deviation
-    return value, value - half, value + half
-
-
-def _physiology(one: Estimate, name: str) -> Band | None:
-    for index in informed_physiology(one):
-        if one.physiology_names[index] == name:
-            columns = (one.physiology, one.physiology_lower, one.physiology_upper)
-            value, lower, upper = (float(column[index]) for column in columns)
-            return value, lower, upper
-    return None
+    return Stated(value, value - half, value + half)
 
 
 def _warnings(before: Estimate, one: Estimate) -> list[str]:
@@ -234,9 +214,10 @@ def _warnings(before: Estimate, one: Estimate) -> list[str]:
     return [*doubts, *(f'{name}: {MEANING.get(name, "of a monitor")}' for name in new)]
 
 
-def _path(rows: Iterator[Band | None]) -> TimeCourse:
-    table = np.array([(np.nan,) * 3 if row is None else row for row in rows], dtype=np.float64)
-    return TimeCourse(*table.reshape(-1, 3).T)
+def _path(found: Iterator[Stated | None]) -> TimeCourse:
+    unknown = (np.nan,) * 3
+    rows = [(one.value, one.lower, one.upper) if one else unknown for one in found]
+    return TimeCourse(*np.array(rows).T)
 
 
 def _last(values: FloatArray) -> float:
@@ -273,7 +254,10 @@ def steadiness(course: Course) -> str:
     sudden = [_told(*pair, course) for pair in zip(course.changes, lasted, strict=True)]
     if not course.follows and not sudden:
         return _not_told(course)
-    slow = [text for span in _spans(course) if (text := _slow(course, *span))]
+    # each part between sudden changes, without its first seconds
+    edges = _edges(course)
+    parts = zip([0.0, *(edge + _AFTER for edge in edges)], [*edges, math.inf], strict=True)
+    slow = [text for part in parts if (text := _slow(course, *part))]
     if slow or any(lasted):
         return ' '.join([*sudden, *slow])
     return ' '.join([*sudden, _same(course)])
@@ -312,13 +296,6 @@ def _same(course: Course) -> str:
         return f'No lasting change was found; one of less than {percent} % would not be seen.'
     since = f'from {course.time_s[places[0]]:.0f} s on' if places[0] else 'over the session'
     return f'The muscle stayed the same within {percent} % {since}.'
-
-
-def _spans(course: Course) -> list[tuple[float, float]]:
-    """Return the parts between sudden changes of the muscle, each without its first seconds."""
-    edges = _edges(course)
-    starts = [0.0, *(edge + _AFTER for edge in edges)]
-    return list(zip(starts, [*edges, math.inf], strict=True))
 
 
 def _edges(course: Course) -> list[float]:

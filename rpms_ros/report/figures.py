@@ -15,7 +15,7 @@ So a fitted response to one pulse is not determined before its last change of si
 peak.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
@@ -31,7 +31,7 @@ from rpms_ros.axis import QUANTITIES
 from rpms_ros.identification import IdentifiedSession
 from rpms_ros.identification.analysis import SummationAnalysis
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, PulseTrain
-from rpms_ros.report.analysis_figures import draw_trains, fill_train_figure, save_figure
+from rpms_ros.report.analysis_figures import draw_trains, save_figure
 from rpms_ros.report.course import Course, TimeCourse, course_of
 from rpms_ros.report.dose import Dose, dose_of
 from rpms_ros.report.known_muscle import KnownMuscle
@@ -292,31 +292,27 @@ def course_panels(course: Course, truth: KnownMuscle | None = None) -> list[_Pan
         return []
     last, stamps = course.estimates[-1], course.stamp_ns
     what, force = QUANTITIES[last.unit], course.force
-    full = truth.full_force(stamps) if truth is not None and truth.comparable(last) else None
-    parameters = [
-        _Line(
-            name, course.parameter(name), None if truth is None else truth.parameter(name, stamps)
-        )
-        for name in last.nonlinear_names
-    ]
+    full = truth.curve_at(stamps)[-1] if truth is not None and truth.comparable(last) else None
+
+    def true(name: str) -> FloatArray | None:
+        return None if truth is None else truth.parameter(name, stamps)
+
+    steady = _Line(f'steady {what}, full intensity', force, full)
+    parameters = [_Line(name, course.parameter(name), true(name)) for name in last.nonlinear_names]
     thresholds = [line for line in parameters if line.name.startswith('u_')]
     sharpness = [line for line in parameters if line.name.startswith('alpha_')]
     panels = [
-        _Panel(
-            quantity(last.unit),
-            [_Line(f'steady {what}, full intensity', force, full)],
-            _FORCE_SPAN,
-        ),
+        _Panel(quantity(last.unit), [steady], _FORCE_SPAN),
         _Panel('intensity / share', thresholds, absolute=_INTENSITY_SPAN),
         _Panel('sharpness', sharpness, absolute=_SHARPNESS_SPAN),
     ]
     constant = course.physiology('twitch_time_constant_s')
     if np.count_nonzero(constant.known) > 1:
-        true = None if truth is None else 1e3 * truth.at('time_constant', stamps)
-        panels.append(_Panel('T_a / ms', [_Line('T_a', constant.scaled(1e3), true)], _TIME_SPAN))
+        known = None if truth is None else 1e3 * truth.at('time_constant', stamps)
+        panels.append(_Panel('T_a / ms', [_Line('T_a', constant.scaled(1e3), known)], _TIME_SPAN))
     if np.count_nonzero(course.disturbance.known) > 1:
-        known = np.abs(force.value[force.known])
-        span = _FORCE_SPAN * float(np.median(known)) if len(known) else 0.0
+        forces = np.abs(force.value[force.known])
+        span = _FORCE_SPAN * float(np.median(forces)) if len(forces) else 0.0
         effort = None if truth is None else truth.at('effort', stamps)
         line = _Line(f'{what} not caused by the stimulation', course.disturbance, effort)
         # a burst may be short: all of it is shown
@@ -357,7 +353,7 @@ def _draw_panel(place: Axes, course: Course, panel: _Panel) -> None:
     seen = []
     for line, style in zip(panel.lines, _LINE_STYLES, strict=False):
         path = line.path
-        if path.has_interval:
+        if np.isfinite(path.lower).any():
             place.fill_between(
                 time, path.lower[shown], path.upper[shown], facecolor=BAND, edgecolor=FAINT, lw=0.4
             )
@@ -367,18 +363,14 @@ def _draw_panel(place: Axes, course: Course, panel: _Panel) -> None:
             seen.append(line.true[inside])
         place.plot(time, path.value[shown], color=MODELLED, ls=style, lw=1.2, label=line.name)
         seen += [values[inside] for values in (path.value, path.lower, path.upper)]
-    found = [values[np.isfinite(values)] for values in seen]
-    ends = [
-        np.percentile(values, (panel.outside, 100.0 - panel.outside))
-        for values in found
-        if len(values)
-    ]
+    found = (values[np.isfinite(values)] for values in seen)
+    outside = panel.outside, 100.0 - panel.outside
+    ends = [np.percentile(values, outside) for values in found if len(values)]
     if not ends:
         return
     low, high = float(np.min(ends)), float(np.max(ends))
-    height = max(high - low, panel.relative * max(abs(low), abs(high)), panel.absolute) * (
-        1 + 2 * _MARGIN
-    )
+    least = max(panel.relative * max(abs(low), abs(high)), panel.absolute)
+    height = (1 + 2 * _MARGIN) * max(high - low, least)
     middle = 0.5 * (low + high)
     if height > 0.0:
         place.set_ylim(middle - 0.5 * height, middle + 0.5 * height)
@@ -439,7 +431,7 @@ _STYLE: dict[Any, Any] = {
 
 def names_of(report: SessionReport) -> tuple[str, ...]:
     """Return the figures that a report has."""
-    left_out = set(OF_THE_ESTIMATOR) if report.trains is not None else set()
+    left_out = set(OF_THE_ESTIMATOR) if report.result.trains is not None else set()
     if not report.course.has_course:
         left_out.add('parameters')
     return tuple(name for name in FIGURES if name not in left_out)
@@ -447,8 +439,8 @@ def names_of(report: SessionReport) -> tuple[str, ...]:
 
 def draw(name: str, report: SessionReport) -> Figure:
     """Return one of `FIGURES`, drawn."""
-    if name == 'force' and report.trains is not None:
-        return draw_trains(report.trains, unit=report.result.unit)
+    if name == 'force' and report.result.trains is not None:
+        return draw_trains(report.result.trains, unit=report.result.unit)
     painter, height, rows = FIGURES[name]
     if name == 'parameters':
         rows = len(course_panels(report.course))
@@ -470,14 +462,11 @@ def label(figure: Figure) -> None:
 
 def as_svg(name: str, report: SessionReport) -> bytes:
     """Return a figure as an SVG file, the same for the same session."""
-    with style():
-        return svg_of(draw(name, report))
-
-
-def svg_of(figure: Figure) -> bytes:
-    """Return a figure as an SVG file that says neither when nor by what it was made."""
     file = BytesIO()
-    figure.savefig(file, format='svg', metadata={'Date': None, 'Creator': None})
+    with style():
+        # neither when nor by what it was made
+        unsigned = {'Date': None, 'Creator': None}
+        draw(name, report).savefig(file, format='svg', metadata=unsigned)
     return file.getvalue()
 
 
@@ -506,19 +495,17 @@ def style() -> Iterator[None]:
 
 
 def draw_session(
-    paths: Sequence[Path],
     session: IdentifiedSession,
     pulses: PulseTrain,
     truth: KnownMuscle | None = None,
     title: str = '',
     trains: SummationAnalysis | None = None,
-) -> None:
-    """Write the figure of a session; the ending of each path names a format.
+    figure: Figure | None = None,
+) -> Figure:
+    """Return the figure of a session.
 
     Parameters
     ----------
-    paths : sequence of Path
-        Files to write.
     session : IdentifiedSession
         Estimates and traces.
     pulses : PulseTrain
@@ -530,30 +517,12 @@ def draw_session(
     trains : SummationAnalysis or None
         Trains of one intensity, which are drawn instead: the estimator takes their pulses for
         equal and tells neither parameters nor a curve.
-
-    Raises
-    ------
-    ReportError
-        If a file cannot be written.
+    figure : Figure or None
+        An empty figure to draw into; else it is a new one.
     """
-    figure = Figure(figsize=(12.0, 8.4), layout='constrained', dpi=130)
-    fill_session_figure(figure, session, pulses, truth, title, trains)
-    with style():
-        save_figure(figure, *paths)
-
-
-def fill_session_figure(
-    figure: Figure,
-    session: IdentifiedSession,
-    pulses: PulseTrain,
-    truth: KnownMuscle | None = None,
-    title: str = '',
-    trains: SummationAnalysis | None = None,
-) -> None:
-    """Draw a session into an empty figure; parameters as of `draw_session`."""
+    figure = figure or Figure(layout='constrained', dpi=130)
     if trains is not None:
-        fill_train_figure(figure, trains, title, session.last.unit)
-        return
+        return draw_trains(trains, title, session.last.unit, figure)
     dose = dose_of(pulses, int(session.stamp_ns[0]))
     course = course_of(session)
     rows = len(course_panels(course)) or 2
@@ -570,6 +539,7 @@ def fill_session_figure(
         draw_response(figure.add_subplot(grid[1, 1]), session, force, truth)
         label(figure)
         figure.suptitle(title, fontsize=12)
+    return figure
 
 
 def _column(figure: Figure, place: SubplotSpec, heights: list[float]) -> list[Axes]:

@@ -5,10 +5,8 @@
 It is made of the templates of this package, by the extra rpms_ros[report].
 """
 
-import json
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 from urllib.parse import quote
 
 import numpy as np
@@ -25,11 +23,6 @@ from rpms_ros.schema import plain
 # What need not be escaped in a data URL; base64 would be longer.
 _KEPT = " !$&'()*+,/:;=?@\n"
 _TEMPLATES = Path(__file__).parent / 'templates'
-
-
-def image_url(svg: bytes) -> str:
-    """Return a figure as a URL that holds it."""
-    return f'data:image/svg+xml,{quote(svg, safe=_KEPT)}'
 
 
 UNKNOWN = 'not known'
@@ -89,7 +82,7 @@ def as_page(report: SessionReport) -> str:
         # styles and scripts of the package are not escaped
         file=lambda path: Markup((_TEMPLATES / path).read_text(encoding='utf-8')),
         sections={key: text for key, text in SECTIONS.items() if key not in hidden},
-        dynamics=report.trains is not None,
+        dynamics=report.result.trains is not None,
         forces={share: plain(curve.at(share)) for share in SHARES_SHOWN} if curve else {},
         rate_words=RATE_WORDS,
         train_gap=TRAIN_GAP,
@@ -97,7 +90,7 @@ def as_page(report: SessionReport) -> str:
         captions=CAPTIONS,
         what=QUANTITIES[report.result.unit],
         force_range=float(np.ptp(session.force[session.usable])),
-        image=lambda name: image_url(as_svg(name, report)),
+        image=lambda name: f'data:image/svg+xml,{quote(as_svg(name, report), safe=_KEPT)}',
     )
 
 
@@ -121,9 +114,3 @@ def number(value: float | None, unit: str = '', scale: float = 1.0) -> str:
 def percent(share: float | None) -> str:
     """Return a share as per cent; `UNKNOWN` for None."""
     return UNKNOWN if share is None else f'{100 * share:.3g} %'
-
-
-def embedded(page: str, name: str) -> Any:
-    """Return the JSON that a page carries under a name."""
-    start = page.index('>', page.index(f'<script type="application/json" id="{name}"')) + 1
-    return json.loads(page[start : page.index('</script>', start)])

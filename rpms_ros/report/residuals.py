@@ -291,12 +291,12 @@ def boundary(stamp_ns: IntArray, share: float) -> int:
 def held_out_fit(session: IdentifiedSession, first_ns: int) -> HeldOutFit | None:
     """Return the fit from `first_ns` on of a session run with `FrozenFrom`.
 
-    None if nothing is left there, or the force does not change.
+    None if nothing is left there or before it, or the force does not change.
     """
     kept = (session.stamp_ns >= first_ns) & session.usable
     force, prediction = session.force[kept], session.prediction[kept]
     # the variance of a change below 1e-154 N is zero, too
-    if len(force) < 2 or force.var() == 0.0:
+    if len(force) < 2 or force.var() == 0.0 or session.stamp_ns.min() >= first_ns:
         return None
     residual = force - prediction
     error = float(np.sqrt(np.mean(residual**2)))

@@ -18,13 +18,12 @@ from rpms_ros.identification import (
     DEFAULT_RATE,
     INFORMED,
     NOT_INFORMED,
-    Estimate,
     Estimator,
     IdentifiedSession,
     StreamSettings,
     identify,
 )
-from rpms_ros.identification.analysis import MuscleAnalysis, SummationAnalysis, analyze
+from rpms_ros.identification.analysis import SummationAnalysis, analyze
 from rpms_ros.identification.analysis.dynamics import (
     TrainDynamics,
     response_to_one_pulse,
@@ -36,16 +35,18 @@ from rpms_ros.identification.model.settings import PEOPLE_PRESET
 from rpms_ros.identification.model.summation import TemporalSummation
 from rpms_ros.identification.quality.doubts import NO_CONSTANT_MUSCLE
 from rpms_ros.identification.quality.explained_force import (
+    Stated,
     informed_parameters,
     informed_physiology,
+    stated,
     weight_at_own_rate,
 )
 from rpms_ros.identification.quality.verdict import (
     DOUBTFUL,
+    EXPECTED_FORCE,
     FOLLOWER,
     GOOD,
     Verdict,
-    VerdictSettings,
     doublings,
     period_of_estimates,
     verdict_of,
@@ -57,7 +58,7 @@ from rpms_ros.recording import Recording, session_hash
 from rpms_ros.recording.rosbag.reading import RecordedSchedule
 from rpms_ros.report.course import Change, course_of, steadiness
 from rpms_ros.report.text import interval_of, label, recruitment_shown, shown, with_interval
-from rpms_ros.schema import documented
+from rpms_ros.schema import documented, internal
 
 FOLLOWED = f'followed by {FOLLOWER}, since no constant muscle explains the whole recording'
 """Reason of estimates that were made in place of those of a fit of everything."""
@@ -85,6 +86,8 @@ class IdentificationOptions:
         What pulses do to those after them.
     start_from : Path or None
         JSON of the result of an earlier session.
+    expected_force : float
+        Largest force that the muscle can have [N], for the verdict.
     """
 
     estimator: str = 'batch'
@@ -93,6 +96,7 @@ class IdentificationOptions:
     seed: int = 0
     history: TemporalSummation | None = None
     start_from: Path | None = None
+    expected_force: float = EXPECTED_FORCE
 
     def build(self) -> Estimator:
         """Return a new estimator."""
@@ -105,7 +109,7 @@ class IdentificationOptions:
 
 
 def identified(
-    recording: 'Recording',
+    recording: Recording,
     options: IdentificationOptions,
     progress: Callable[[int], object] | None = None,
     most_estimates: int | None = None,
@@ -138,14 +142,12 @@ def identified(
         raise IdentificationError(
             f'expected most_estimates as a whole number from 1 on, got {most_estimates!r}'
         )
-    settings = StreamSettings(estimate_period=_period(recording, most_estimates))
-    session = _followed(recording, options, settings, progress)
+    session = replayed(recording, options.build(), progress, most_estimates)
     # a preset of the paper is chosen for its model
     chosen = options.estimator == 'batch' and options.preset == PEOPLE_PRESET
     if chosen and NO_CONSTANT_MUSCLE in session.last.doubts:
         most = None if most_estimates is None else max(most_estimates, _COURSE)
-        many = StreamSettings(estimate_period=_period(recording, most))
-        other = _followed(recording, replace(options, estimator=FOLLOWER), many, None)
+        other = replayed(recording, replace(options, estimator=FOLLOWER).build(), None, most)
         if _missed(other) < _missed(session):
             estimates = [replace(o, reasons=(*o.reasons, FOLLOWED)) for o in other.estimates]
             session = replace(other, estimates=estimates)
@@ -155,13 +157,14 @@ def identified(
     return replace(session, estimates=[replace(o, unit=recording.unit) for o in session.estimates])
 
 
-def _followed(
-    recording: 'Recording',
-    options: IdentificationOptions,
-    settings: StreamSettings,
-    progress: Callable[[int], object] | None,
+def replayed(
+    recording: Recording,
+    estimator: Estimator,
+    progress: Callable[[int], object] | None = None,
+    most_estimates: int | None = None,
 ) -> IdentifiedSession:
-    estimator = options.build()
+    """Return what one estimator makes of a recording; parameters as of `identified`."""
+    settings = StreamSettings(estimate_period=_period(recording, most_estimates))
     # Only what could have run on line has to leave out the pulses that came too late for it.
     arrival = recording.samples_before_pulse if estimator.on_line else None
     return identify(estimator, recording.pulses, recording.forces, settings, progress, arrival)
@@ -174,7 +177,7 @@ def _missed(session: IdentifiedSession) -> float:
     return float(np.mean(later**2)) if len(later) else 0.0
 
 
-def _period(recording: 'Recording', most_estimates: int | None) -> float:
+def _period(recording: Recording, most_estimates: int | None) -> float:
     """Return a whole multiple of the period on line [s]: every estimate is one of those."""
     on_line = StreamSettings().estimate_period
     if most_estimates is None:
@@ -200,15 +203,6 @@ _CURVE_SHOWN = (0.25, 0.5, 0.75, 1.0)
 IDENTIFIABILITY = {NOT_INFORMED: 'not informed', INFORMED: 'informed', CONVERGED: 'converged'}
 
 
-@dataclass(frozen=True)
-class Stated:
-    """A number with its interval."""
-
-    value: float
-    lower: float
-    upper: float
-
-
 @dataclass(frozen=True, kw_only=True)
 class Curve:
     """Recruitment curve as steady mean force."""
@@ -220,13 +214,7 @@ class Curve:
 
     def at(self, intensity: float) -> Stated:
         """Return the force at an intensity; ends that are not known are NaN [N]."""
-        rows = (self.force, self.lower, self.upper)
-        return Stated(
-            *(
-                NAN if row is None else float(np.interp(intensity, self.intensity, row))
-                for row in rows
-            )
-        )
+        return _read(self, lambda row: float(np.interp(intensity, self.intensity, row)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -246,8 +234,13 @@ class ImpulseResponse:
     @property
     def peak(self) -> Stated:
         """The largest force; ends that are not known are NaN [N]."""
-        place, rows = int(np.argmax(self.force)), (self.force, self.lower, self.upper)
-        return Stated(*(NAN if row is None else float(row[place]) for row in rows))
+        place = int(np.argmax(self.force))
+        return _read(self, lambda row: float(row[place]))
+
+
+def _read(found: Curve | ImpulseResponse, value: Callable[[FloatArray], float]) -> Stated:
+    rows = (found.force, found.lower, found.upper)
+    return Stated(*(NAN if row is None else value(row) for row in rows))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -282,6 +275,8 @@ class IdentificationResult:
         'trains of one intensity at their own rate; null where there is a curve, or no train',
         default=None,
     )
+    # they stand for the curve, in figures too
+    trains: SummationAnalysis | None = internal(default=None, repr=False)
     steadiness: str | None = documented(
         'whether the muscle stayed the same, as a sentence; for an estimator that follows changes',
         default=None,
@@ -326,7 +321,7 @@ class IdentificationResult:
 def result_of(
     recording: Recording,
     session: IdentifiedSession,
-    settings: VerdictSettings | None = None,
+    expected_force: float = EXPECTED_FORCE,
 ) -> IdentificationResult:
     """Return the result of a session; intervals and physiology if the estimator offers them.
 
@@ -334,8 +329,8 @@ def result_of(
     ----------
     recording, session : Recording, IdentifiedSession
         The recording and its identification.
-    settings : VerdictSettings, optional
-        Thresholds of the verdict.
+    expected_force : float
+        Largest force that the muscle can have [N], for the verdict.
 
     Raises
     ------
@@ -344,7 +339,7 @@ def result_of(
     """
     last, stamps, pulses = session.last, recording.forces.stamp_ns, recording.pulses
     known, names = last.curve_known, last.nonlinear_names
-    dynamics = None if known else _dynamics(recording)
+    trains, dynamics = (None, None) if known else _trains(recording)
     informed = informed_parameters(last)
     course = course_of(session)
     flags = [IDENTIFIABILITY[flag] for flag in last.nonlinear_identifiability.tolist()]
@@ -356,7 +351,7 @@ def result_of(
     notes += [] if recording.facts.checksums else [NO_CHECKSUMS]
     notes += [ONE_INTENSITY] if not known and of_one_intensity(pulses, stamps) else []
     notes += [FOLLOWED] if FOLLOWED in last.reasons else []
-    verdict = verdict_of(session, pulses, recording.forces, settings, dynamics)
+    verdict = verdict_of(session, pulses, recording.forces, expected_force, dynamics)
     return IdentificationResult(
         session_hash=session_hash(recording),
         schedules=list(recording.facts.schedules),
@@ -384,11 +379,12 @@ def result_of(
         confidence=last.confidence or None,
         identifiability=dict(zip(names, flags, strict=True)) if flags else None,
         deviation=_informed(names, deviation, informed) if len(deviation) else None,
-        physiology=_physiology(last) or None,
+        physiology=informed_physiology(last) or None,
         dynamics=dynamics,
+        trains=trains,
         steadiness=steadiness(course) if course.follows else None,
         changes=course.changes or None,
-        rates=_stated(last.rate_names, last.rate, last.rate_lower, last.rate_upper) or None,
+        rates=stated(last.rate_names, last.rate, last.rate_lower, last.rate_upper) or None,
         muscle=session.muscle,
         output_error_n=session.output_error.newton,
         output_error_of_range=session.output_error.of_range,
@@ -407,23 +403,13 @@ def _of_the_file(verdict: Verdict, recording: Recording) -> Verdict:
     return replace(verdict, reasons=(*verdict.reasons, recording.loss))
 
 
-def _dynamics(recording: Recording) -> TrainDynamics | None:
-    analysis = analysis_of(recording)
-    return None if analysis is None else train_dynamics(analysis)
-
-
-def trains_of(recording: Recording, result: IdentificationResult) -> SummationAnalysis | None:
-    """Return the trains that stand for a result without a curve; None for any other result."""
-    analysis = None if result.dynamics is None else analysis_of(recording)
-    return None if analysis is None else analysis.summation
-
-
-def analysis_of(recording: Recording) -> MuscleAnalysis | None:
-    """Return twitches and trains of a recording; None if they cannot be analysed."""
+def _trains(recording: Recording) -> tuple[SummationAnalysis | None, TrainDynamics | None]:
+    """Return the trains of a recording and their dynamics; None if there are none."""
     try:
-        return analyze(recording.pulses, recording.forces)
+        analysis = analyze(recording.pulses, recording.forces)
     except IdentificationError:
-        return None
+        return None, None
+    return analysis.summation, train_dynamics(analysis)
 
 
 def impulse_response(
@@ -448,19 +434,6 @@ def impulse_response(
     kept = kept[np.argsort(session.stamp_ns[kept], kind='stable')]
     weight = weight_at_own_rate(estimate, pulses, session.stamp_ns[kept], session.force[kept])
     return estimate.response_force * float(share) * weight
-
-
-def _physiology(estimate: Estimate) -> dict[str, Stated]:
-    """Return the informed numbers, by name."""
-    columns = (estimate.physiology, estimate.physiology_lower, estimate.physiology_upper)
-    names, found = estimate.physiology_names, _stated(estimate.physiology_names, *columns)
-    return {names[index]: found[names[index]] for index in informed_physiology(estimate)}
-
-
-def _stated(names: Sequence[str], *columns: FloatArray) -> dict[str, Stated]:
-    """Return values and the ends of their intervals, by name."""
-    rows = np.stack(columns, axis=1).tolist()
-    return {name: Stated(*row) for name, row in zip(names, rows, strict=True)}
 
 
 def _informed(names: Sequence[str], values: FloatArray, informed: BoolArray) -> dict[str, float]:
@@ -513,8 +486,8 @@ def _found(result: IdentificationResult) -> list[tuple[str, str]]:
             what = ''
     if result.dynamics is not None:
         return rows + _train_rows(result.dynamics, unit)
-    for name, stated in (result.physiology or {}).items():
-        rows.append((label(name), shown(name, vars(stated), unit)))
+    for name, one in (result.physiology or {}).items():
+        rows.append((label(name), shown(name, vars(one), unit)))
     response = result.impulse_response
     peak = with_interval(vars(response.peak), unit=f' {unit}')
     after = f'{1e3 * response.peak_time_s:.0f} ms'

@@ -9,7 +9,6 @@ facts of the recording and a sentence for a paper.
 import platform
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
@@ -18,8 +17,7 @@ import numpy as np
 from rpms_ros import __version__
 from rpms_ros.axis import QUANTITIES
 from rpms_ros.errors import ReportError
-from rpms_ros.identification import Estimator, IdentifiedSession, identify
-from rpms_ros.identification.analysis import SummationAnalysis
+from rpms_ros.identification import Estimator, IdentifiedSession
 from rpms_ros.identification.quality.doubts import MEANING
 from rpms_ros.printable import counted
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray
@@ -40,7 +38,7 @@ from rpms_ros.report.residuals import (
 from rpms_ros.report.result import (
     NOT_A_TWITCH,
     IdentificationResult,
-    trains_of,
+    replayed,
 )
 from rpms_ros.schema import internal, plain
 
@@ -132,22 +130,6 @@ def _next_steps(result: IdentificationResult) -> list[str]:
     return list(dict.fromkeys(steps)) or ['Look at the reasons above, and record again.']
 
 
-@dataclass(frozen=True)
-class ReportSettings:
-    """Settings of a report.
-
-    Attributes
-    ----------
-    held_out_share : float
-        Share of the time at the end that is predicted and not learnt from.
-    command : str
-        The command line that makes the report; empty if there is none.
-    """
-
-    held_out_share: float = HELD_OUT_SHARE
-    command: str = ''
-
-
 @dataclass(frozen=True, kw_only=True)
 class SessionReport:
     """Every number that the page of a session shows, and what its figures are drawn from.
@@ -213,11 +195,6 @@ class SessionReport:
     course: Course = internal()
     true_muscle: KnownMuscle | None = internal()
 
-    @cached_property
-    def trains(self) -> SummationAnalysis | None:
-        """Trains of one intensity, if they stand for a recruitment curve."""
-        return trains_of(self.recording, self.result)
-
 
 def report_of(
     title: str,
@@ -225,8 +202,9 @@ def report_of(
     recorded: RecordedMessages,
     session: IdentifiedSession,
     result: IdentificationResult,
-    build_estimator: Callable[[], Estimator],
-    settings: ReportSettings | None = None,
+    estimator: Estimator,
+    held_out_share: float = HELD_OUT_SHARE,
+    command: str = '',
     progress: Callable[[int], object] | None = None,
 ) -> SessionReport:
     """Return the report of a session.
@@ -239,10 +217,12 @@ def report_of(
         What was recorded.
     session, result : IdentifiedSession, IdentificationResult
         What was identified, and its result.
-    build_estimator : callable
-        Makes a fresh estimator for the held-out fit, like that of the session.
-    settings : ReportSettings, optional
-        Settings.
+    estimator : Estimator
+        Fresh one for the held-out fit, like that of the session.
+    held_out_share : float
+        Share of the time at the end that is predicted and not learnt from.
+    command : str
+        The command line that makes the report; empty if there is none.
     progress : callable, optional
         Called with the number of samples of the held-out fit processed since the last call.
 
@@ -251,7 +231,6 @@ def report_of(
     ReportError
         If the held-out share is not between 0 and 1.
     """
-    settings = settings or ReportSettings()
     notes, course = recording.facts.custom, course_of(session)
     dose = dose_of(recording.pulses, int(session.stamp_ns[0]))
     truth = known_muscle(recorded.truths, notes, session.last.repetition_rate)
@@ -262,7 +241,9 @@ def report_of(
     except ReportError as error:
         residuals = None
         remarks.append(f'no residual analysis: {error}')
-    held_out = _held_out(recording, session, build_estimator(), settings, progress)
+    first_ns = boundary(session.stamp_ns, held_out_share)
+    learnt = replayed(recording, FrozenFrom(estimator, first_ns), progress)
+    held_out = held_out_fit(learnt, first_ns)
     if held_out is None:
         remarks.append('no held-out fit: expected a force that changes in the held-out part')
     if recorded.unreadable:
@@ -285,7 +266,7 @@ def report_of(
         session=_facts(recording, session, recorded),
         methods={
             'sentence': _sentence(result, dose),
-            'command': settings.command or None,
+            'command': command or None,
             'versions': _versions(),
         },
         remarks=remarks,
@@ -304,24 +285,6 @@ def _residuals(session: IdentifiedSession, recording: Recording) -> ResidualAnal
     residual = (session.force - session.prediction)[kept]
     found = analyse_residuals(stamps[kept], residual, recording.pulses)
     return replace(found, share_of_session=_RESIDUAL_SHARE)
-
-
-def _held_out(
-    recording: Recording,
-    session: IdentifiedSession,
-    estimator: Estimator,
-    settings: ReportSettings,
-    progress: Callable[[int], object] | None,
-) -> HeldOutFit | None:
-    first_ns = boundary(session.stamp_ns, settings.held_out_share)
-    learnt = identify(
-        FrozenFrom(estimator, first_ns),
-        recording.pulses,
-        recording.forces,
-        progress=progress,
-        samples_before_pulse=recording.samples_before_pulse if estimator.on_line else None,
-    )
-    return held_out_fit(learnt, first_ns) if np.any(learnt.stamp_ns < first_ns) else None
 
 
 def _versions() -> dict[str, str]:

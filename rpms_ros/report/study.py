@@ -23,14 +23,13 @@ from typing import Any
 
 from rpms_ros.errors import RecordingError, RpmsError
 from rpms_ros.identification.model.physiology import PHYSIOLOGY_NAMES
-from rpms_ros.identification.quality.verdict import VerdictSettings
+from rpms_ros.identification.quality.explained_force import Stated
 from rpms_ros.printable import spreadsheet_text
 from rpms_ros.recording import Topics, read_recording
 from rpms_ros.recording.rosbag.scan import READERS
 from rpms_ros.report.result import (
     IdentificationOptions,
     IdentificationResult,
-    Stated,
     identified,
     result_of,
 )
@@ -66,8 +65,6 @@ class StudyOptions(IdentificationOptions):
         ``force`` or ``torque``: then every force of the table is in N m.
     max_memory : int or None
         What reading may take [bytes]; None for the default.
-    expected_force : float
-        Largest force that the muscles can have [N], for the verdict.
     """
 
     pulses_topic: str = 'pulses'
@@ -76,7 +73,6 @@ class StudyOptions(IdentificationOptions):
     sign: int = 1
     quantity: str = 'force'
     max_memory: int | None = None
-    expected_force: float = 200.0
 
 
 def columns() -> list[str]:
@@ -99,17 +95,10 @@ def work(path: str, options: StudyOptions) -> Row:
     """Return the row of one recording; a recording that cannot be identified has a row too."""
     try:
         topics = Topics(options.pulses_topic, options.force_topic)
-        recording = read_recording(
-            path,
-            topics,
-            options.axis,
-            options.sign,
-            memory=options.max_memory,
-            quantity=options.quantity,
-        )
+        force = options.axis, options.sign, None, options.max_memory, options.quantity
+        recording = read_recording(path, topics, *force)
         session = identified(recording, options, most_estimates=1)
-        settings = VerdictSettings(expected_force=options.expected_force)
-        row = row_of(result_of(recording, session, settings))
+        row = row_of(result_of(recording, session, options.expected_force))
     except RpmsError as error:
         return failure(str(error))
     return row | {'start_ns': int(recording.forces.stamp_ns.min())}

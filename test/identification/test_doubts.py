@@ -135,7 +135,7 @@ SPREADS = [PRIOR[name][1] for name in PHYSIOLOGY_NAMES[:3]]
 
 
 def narrowed(one) -> list[str]:
-    return [PHYSIOLOGY_NAMES[index] for index in informed_physiology(one)]
+    return list(informed_physiology(one))
 
 
 def test_what_the_data_determine_is_a_measurement_and_a_prior_is_none(estimate):

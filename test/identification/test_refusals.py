@@ -23,7 +23,7 @@ from rpms_ros.identification import (
 )
 from rpms_ros.identification.analysis import TrainLaw
 from rpms_ros.identification.catalogue import EstimatorOptions
-from rpms_ros.identification.quality.verdict import VerdictSettings
+from rpms_ros.identification.quality.verdict import verdict_of
 from rpms_ros.muscle import RecruitmentParameters as Theta
 
 NAN, INF = math.nan, math.inf
@@ -69,7 +69,7 @@ table = of(replace, TABLE_4)
         (of(StreamSettings, estimate_period=0.0), 'a finite estimate_period above 0 s, got 0'),
         (of(StreamSettings, longest_gap=NAN), 'a finite longest_gap above 0 s, got nan'),
         (of(StreamSettings, largest_force=0.0), 'a finite largest_force above 0 N, got 0'),
-        (of(VerdictSettings, expected_force=0.0), 'expected a largest force above 0 N, got 0'),
+        (of(verdict_of, None, None, None, 0.0), 'expected a largest force above 0 N, got 0'),
         *((of(TrainLaw, **{name: 0.0}), f'a {name} above 0, got 0') for name in TrainLaw.POSITIVE),
         (of(TrainLaw, facilitation=-1.0), 'facilitation of at least 0, got -1'),
         *(

@@ -12,7 +12,7 @@ import pytest
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification import estimator_by_name
 from rpms_ros.identification.analysis.responses import Response
-from rpms_ros.identification.analysis.trains import fit_equal, fit_scaled, pulse_twitches
+from rpms_ros.identification.analysis.trains import fit_scaled, fit_train, pulse_twitches
 from rpms_ros.identification.estimation.blocks import PulseDelayLine
 from rpms_ros.identification.model.summation import PulseHistory, TemporalSummation
 from rpms_ros.muscle import twitch
@@ -137,7 +137,7 @@ def test_long_trains_of_a_rat_are_explained_better():
         def shape(latency, constant, train=train, weights=weights):
             return pulse_twitches(train, 3, latency, constant) @ weights
 
-        equal.append(fit_equal(train, 3).fit)
+        equal.append(fit_train(train, 3).fit)
         weighted.append(fit_scaled(train, shape).fit)
     # bench/temporal_summation.py prints all trains; trains of 4 pulses gain nothing.
     assert np.mean(weighted) > np.mean(equal) + 2.0

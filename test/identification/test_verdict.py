@@ -18,8 +18,8 @@ from rpms_ros.identification import (
 from rpms_ros.identification.model.estimate import NOT_INFORMED
 from rpms_ros.identification.quality.explained_force import simulated_fit, simulated_force
 from rpms_ros.identification.quality.verdict import (
+    EXPECTED_FORCE,
     Verdict,
-    VerdictSettings,
     doublings,
     period_of_estimates,
     verdict_of,
@@ -59,8 +59,8 @@ def fitted(trial) -> IdentifiedSession:
     return identify(estimator_by_name('batch'), *trial)
 
 
-def judged(trial, name='batch', settings=None) -> Verdict:
-    return verdict_of(identified(trial, name), *trial, settings)
+def judged(trial, name='batch', expected_force=EXPECTED_FORCE) -> Verdict:
+    return verdict_of(identified(trial, name), *trial, expected_force)
 
 
 def with_force(trial, change) -> Trial:
@@ -221,7 +221,7 @@ def test_the_paper_s_recursion_is_not_called_good_where_it_is_absurd(seed):
 
 def test_a_stronger_muscle_can_be_expected(trial):
     strong = with_force(trial, lambda force: 102.0 * force)
-    assert judged(strong, settings=VerdictSettings(expected_force=2000.0)).grade == 'good'
+    assert judged(strong, expected_force=2000.0).grade == 'good'
 
 
 def test_some_invalid_intensities_are_named_as_the_cause(trial):

@@ -37,7 +37,7 @@ def session(low=0.0):
 def test_a_figure_is_drawn(tmp_path, low, known):
     path = tmp_path / 'session.png'
     truth = of_subject(simulation_subject(), 20.0) if known else None
-    draw_session([path], *session(low), truth, 'A title')
+    draw_session(*session(low), truth, 'A title').savefig(path)
     picture = imread(path)[..., :3]
     # four panels with lines: far from blank
     assert picture.shape[0] > 800

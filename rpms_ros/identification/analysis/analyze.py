@@ -5,6 +5,7 @@
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -19,21 +20,20 @@ from rpms_ros.identification.analysis.recruitment_field import (
 from rpms_ros.identification.analysis.responses import (
     LEFT_OVER,
     Artifacts,
-    Cutter,
     Kind,
     Response,
     clean,
     counted_reasons,
+    cut,
     find_artifacts,
     groups_of,
-    in_order,
     without_artifacts,
 )
 from rpms_ros.identification.analysis.trains import MOST_PULSES, SummationAnalysis, analyze_trains
 from rpms_ros.identification.analysis.twitches import TwitchAnalysis, analyze_twitches
 from rpms_ros.identification.stream.pulse_queue import outside_shares
 from rpms_ros.muscle import RateRecruitment
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND, ForceTrace, PulseTrain, nanoseconds
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, ForceTrace, IntArray, PulseTrain, nanoseconds
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,9 @@ class _Analysis:
         self.trace = clean(force)
         self.findings = list(self.trace.findings)
         shares = np.where(outside_shares(pulses.intensity), np.nan, pulses.intensity)
-        self.pulses = self._within(in_order(replace(pulses, intensity=shares)))
+        # by onset, each onset once
+        first = np.unique(pulses.onset_ns, return_index=True)[1]
+        self.pulses = self._within(replace(pulses, intensity=shares)[first])
         self.groups = groups_of(self.pulses)
 
     def result(self) -> MuscleAnalysis:
@@ -129,13 +131,11 @@ class _Analysis:
             artifacts = find_artifacts(self.trace, self.pulses.onset_ns)
             self._judge_clocks(artifacts)
             onset_ns = self.pulses.onset_ns + nanoseconds(artifacts.clock_offset)
-            pulses = replace(self.pulses, onset_ns=onset_ns)
-            cutter = Cutter(self.trace, pulses, artifacts)
-            responses = self._responses(cutter)
+            responses = self._responses(replace(self.pulses, onset_ns=onset_ns), artifacts)
             twitches = self._twitches(responses)
             order = twitches.choice.order if twitches else _USUAL_ORDER
             summation = self._trains(responses, order)
-            steady = self._steady(cutter)
+            steady = self._steady(onset_ns, artifacts.found)
             recruitment = self._field(steady)
         counts = Counter(group.kind for group in self.groups)
         return MuscleAnalysis(
@@ -192,11 +192,11 @@ class _Analysis:
                 ' ms, as the artifacts show; the pulses are moved by that'
             )
 
-    def _responses(self, cutter: Cutter) -> list[Response | str]:
+    def _responses(self, pulses: PulseTrain, artifacts: Artifacts) -> list[Response | str]:
         """Return the response to each group, or why it is not used."""
         # a longer train only repeats itself
         short = [replace(one, last=min(one.last, one.first + MOST_PULSES)) for one in self.groups]
-        responses = [cutter.cut(group) for group in short]
+        responses = [cut(self.trace, pulses, artifacts, group) for group in short]
         overlapping: dict[int, str] = {}
         for index, response in enumerate(responses[:-1]):
             if isinstance(response, str) or short[index] != self.groups[index]:
@@ -258,11 +258,9 @@ class _Analysis:
             self.findings.append(f'no response to a train qualifies ({counted_reasons(reasons)})')
         return None
 
-    def _steady(self, cutter: Cutter) -> tuple[SteadyPoint, ...]:
-        trace, onset = self.trace, cutter.pulses.onset_ns
-        if cutter.artifacts.found:
-            trace = without_artifacts(trace, onset)
-        baseline = resting_force(trace, self.groups, onset)
+    def _steady(self, onset_ns: IntArray, artifacts: bool) -> tuple[SteadyPoint, ...]:
+        trace = without_artifacts(self.trace, onset_ns) if artifacts else self.trace
+        baseline = resting_force(trace, self.groups, onset_ns)
         held = [
             level
             for group in self.groups
@@ -272,7 +270,7 @@ class _Analysis:
         ]
         if not held or baseline is None:
             return ()
-        found = [steady_point(trace, onset, level, baseline) for level in held]
+        found = [steady_point(trace, onset_ns, level, baseline) for level in held]
         reasons = Counter(item for item in found if isinstance(item, str))
         if reasons:
             self.findings.append(
@@ -300,10 +298,7 @@ class _Analysis:
         return found
 
     def _step(self, label: str) -> Callable[[int, int], None] | None:
-        if self._progress is None:
-            return None
-        tell = self._progress
-        return lambda done, total: tell(label, done, total)
+        return None if self._progress is None else partial(self._progress, label)
 
 
 def _share_left(response: Response) -> float:

@@ -7,7 +7,7 @@ trains can.  T_a and latency are those of the better of two models, equal pulses
 law.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import ndtri, stdtrit
@@ -19,6 +19,7 @@ from rpms_ros.identification.analysis.trains import (
     fit_deviations,
     force_onset,
 )
+from rpms_ros.identification.quality.explained_force import Stated
 from rpms_ros.muscle import twitch
 from rpms_ros.pulses import FloatArray
 from rpms_ros.schema import documented
@@ -32,15 +33,6 @@ HISTORY_LAW = 'history law'
 
 
 @dataclass(frozen=True, kw_only=True)
-class Bounded:
-    """A number with its 95 % interval."""
-
-    value: float
-    lower: float
-    upper: float
-
-
-@dataclass(frozen=True, kw_only=True)
 class TrainDynamics:
     """Dynamics of a muscle from trains of one intensity, at their own rate."""
 
@@ -48,13 +40,15 @@ class TrainDynamics:
     pulses: int = documented('pulses of all of them')
     rate_hz: float = documented('median repetition rate within the trains [Hz]')
     peak_force: float = documented('greatest force above the baseline, mean of the trains [N]')
-    onset_s: Bounded | None = documented(
+    onset_s: Stated | None = documented(
         'when the force leaves its baseline after the first pulse, measured [s]'
     )
     model: str = documented('what explains the trains: equal pulses or history law')
     order: int = documented('order of the twitch')
-    twitch_time_constant_s: Bounded = documented('T_a of the model [s]')
-    latency_s: Bounded = documented('where the twitch of the model begins: a parameter [s]')
+    twitch_time_constant_s: Stated = documented('T_a of the model with its 95 % interval [s]')
+    latency_s: Stated = documented(
+        'where the twitch of the model begins, a parameter, with its 95 % interval [s]'
+    )
     gain: float = documented(
         'peak of the twitch of equal pulses; of the history law before its lag; mean of the trains'
     )
@@ -69,15 +63,12 @@ def train_dynamics(analysis: MuscleAnalysis) -> TrainDynamics | None:
     found = analysis.summation
     if found is None or not found.trains:
         return None
-    law = _law_worth_it(found)
-    model = 'equal' if law is None else 'law'
+    responses = [train.response for train in found.trains]
+    better = found.mean_fit('law') > found.mean_fit('equal') + _WORTH
+    law, model = (found.law, 'law') if better else (None, 'equal')
     fits = [getattr(train, model) for train in found.trains]
-    deviations = np.array(
-        [
-            fit_deviations(train.response, fit, found.order, law)
-            for train, fit in zip(found.trains, fits, strict=True)
-        ]
-    )
+    pairs = zip(responses, fits, strict=True)
+    deviations = np.array([fit_deviations(*pair, found.order, law) for pair in pairs])
     latency, constant = (
         _stated(
             np.array([getattr(fit, name) for fit in fits]),
@@ -86,8 +77,7 @@ def train_dynamics(analysis: MuscleAnalysis) -> TrainDynamics | None:
         )
         for place, name in enumerate(('latency', 'time_constant'))
     )
-    responses = [train.response for train in found.trains]
-    onsets = [bounds for one in responses if (bounds := force_onset(one)) is not None]
+    onsets = np.array([bounds for one in responses if (bounds := force_onset(one)) is not None])
     return TrainDynamics(
         trains=len(fits),
         pulses=sum(len(response.onset) for response in responses),
@@ -95,12 +85,13 @@ def train_dynamics(analysis: MuscleAnalysis) -> TrainDynamics | None:
         peak_force=float(
             np.mean([one.force[one.usable].max() - one.baseline for one in responses])
         ),
-        onset_s=_onset(onsets),
+        onset_s=Stated(float(np.median(onsets[:, 1])), onsets[:, 0].min(), onsets[:, 1].max())
+        if len(onsets)
+        else None,
         model=HISTORY_LAW if law else 'equal pulses',
         order=found.order,
         twitch_time_constant_s=constant,
-        # no muscle answers before its pulse
-        latency_s=replace(latency, lower=max(latency.lower, 0.0)),
+        latency_s=latency,
         gain=float(np.mean([fit.gains[0] for fit in fits])),
         fit_percent=found.mean_fit(model),
         fit_equal_percent=found.mean_fit('equal'),
@@ -120,19 +111,12 @@ def response_to_one_pulse(dynamics: TrainDynamics, time: FloatArray) -> FloatArr
         Ascending times after the pulse, which has the intensity of the trains [s].
     """
     lag = np.arange(0.0, time[-1] + _STEP, _STEP)
-    numbers = dynamics.order, dynamics.latency_s.value, dynamics.twitch_time_constant_s.value
+    shape = twitch(
+        lag - dynamics.latency_s.value, dynamics.twitch_time_constant_s.value, dynamics.order
+    )
     if dynamics.law is not None and dynamics.model == HISTORY_LAW:
-        shape = dynamics.law.single(lag, *numbers)
-    else:
-        order, latency, constant = numbers
-        shape = twitch(lag - latency, constant, order)
+        shape = dynamics.law.force(lag, shape)
     return dynamics.gain * np.interp(time, lag, shape)
-
-
-def _law_worth_it(found: SummationAnalysis) -> TrainLaw | None:
-    """Return the history law if it explains the trains better than equal pulses."""
-    better = found.mean_fit('law') > found.mean_fit('equal') + _WORTH
-    return found.law if better else None
 
 
 def _by_model(found: SummationAnalysis, name: str) -> float:
@@ -145,7 +129,7 @@ def _by_model(found: SummationAnalysis, name: str) -> float:
     return abs(float(np.mean(apart)))
 
 
-def _stated(values: FloatArray, deviations: FloatArray, by_model: float) -> Bounded:
+def _stated(values: FloatArray, deviations: FloatArray, by_model: float) -> Stated:
     """Return the mean of the trains with its interval.
 
     The interval follows from the scatter of the trains or from the uncertainty of each, whichever
@@ -160,11 +144,5 @@ def _stated(values: FloatArray, deviations: FloatArray, by_model: float) -> Boun
     # as far as the interval of the other model goes
     half = max(own, scatter) + by_model
     mean = float(values.mean())
-    return Bounded(value=mean, lower=max(mean - half, 0.0), upper=mean + half)
-
-
-def _onset(bounds: list[tuple[float, float]]) -> Bounded | None:
-    if not bounds:
-        return None
-    lower, upper = zip(*bounds, strict=True)
-    return Bounded(value=float(np.median(upper)), lower=min(lower), upper=max(upper))
+    # no muscle answers before its pulse
+    return Stated(mean, max(mean - half, 0.0), mean + half)

@@ -16,7 +16,7 @@ redundant: seven of the shape, one force, one offset.
 The shape is checked by monotone regression, which assumes no formula.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -170,7 +170,7 @@ class FieldAnalysis:
         rho_u and rho_f; rho(1, 20 Hz) = 1.
     maximum_force : Interval
         Steady force at full intensity and 20 Hz [N].
-    parameters : tuple of (str, Interval)
+    parameters : mapping of str to Interval
         Numbers of Eqs. (9) and (10); rates in Hz.
     rates_fitted : bool
         Whether there were enough rates to fit rho_f; else it is the average of Table 3.
@@ -190,7 +190,7 @@ class FieldAnalysis:
 
     recruitment: RecruitmentField
     maximum_force: Interval
-    parameters: tuple[tuple[str, Interval], ...]
+    parameters: Mapping[str, Interval]
     rates_fitted: bool
     points: tuple[SteadyPoint, ...]
     residual: float
@@ -294,10 +294,10 @@ def fit_field(points: Sequence[SteadyPoint]) -> FieldAnalysis:
     return FieldAnalysis(
         recruitment=as_recruitment(theta),
         maximum_force=_maximum_force(theta, covariance, reach, top),
-        parameters=tuple(
-            (name, _interval(theta[k], covariance[k, k], reach, name.endswith('_slope')))
+        parameters={
+            name: _interval(theta[k], covariance[k, k], reach, name.endswith('_slope'))
             for k, name in enumerate(_NAMES, 1)
-        ),
+        },
         rates_fitted=rates_fitted,
         points=tuple(points),
         residual=float(np.sqrt(variance)),
@@ -324,10 +324,8 @@ def _fitted(
     bounds = _LOWEST[free], _HIGHEST[free]
     found = []
     for thresholds in _STARTS:
-        start = CENTRE.copy()
-        start[1:3] = thresholds
-        fit = scipy.optimize.least_squares(residual, start[free], bounds=bounds, x_scale='jac')
-        found.append(fit)
+        start = np.concatenate((CENTRE[:1], thresholds, CENTRE[3:]))[free]
+        found.append(scipy.optimize.least_squares(residual, start, bounds=bounds, x_scale='jac'))
     best = min(found, key=lambda result: float(result.cost))
     theta = CENTRE.copy()
     theta[free] = best.x

@@ -87,16 +87,6 @@ class PulseGroup:
     last: int
     levels: tuple[Level, ...]
 
-    @property
-    def count(self) -> int:
-        """Number of pulses."""
-        return self.last - self.first
-
-
-def in_order(pulses: PulseTrain) -> PulseTrain:
-    """Return the pulses by onset, each onset once."""
-    return pulses[np.unique(pulses.onset_ns, return_index=True)[1]]
-
 
 def groups_of(pulses: PulseTrain) -> tuple[PulseGroup, ...]:
     """Return the groups of pulses that are separated by rests.
@@ -462,11 +452,12 @@ class Response:
         return float(np.mean(self.force[self.lag < 0]))
 
 
-@dataclass(frozen=True)
-class Cutter:
-    """Cuts responses out of one recording.
+def cut(
+    trace: CleanTrace, pulses: PulseTrain, artifacts: Artifacts, group: PulseGroup
+) -> Response | str:
+    """Return the response to a group of pulses, or why it does not qualify.
 
-    Attributes
+    Parameters
     ----------
     trace : CleanTrace
         Force.
@@ -474,40 +465,34 @@ class Cutter:
         Pulses, ascending, in the sensor's clock.
     artifacts : Artifacts
         Of these pulses.
+    group : PulseGroup
+        One of their groups.
     """
-
-    trace: CleanTrace
-    pulses: PulseTrain
-    artifacts: Artifacts
-
-    def cut(self, group: PulseGroup) -> Response | str:
-        """Return the response to a group of pulses, or why it does not qualify."""
-        trace, onset_ns = self.trace, self.pulses.onset_ns
-        start = int(onset_ns[group.first])
-        end = int(onset_ns[group.last - 1]) + nanoseconds(AFTER)
-        if group.last < len(onset_ns):
-            end = min(end, int(onset_ns[group.last]))
-        part = trace.between(start - nanoseconds(BEFORE), end)
-        lag = (trace.stamp_ns[part] - start) / NANOSECONDS_PER_SECOND
-        if reason := _missing(lag, end - start):
-            return reason
-        if trace.saturated[part].any():
-            return 'sensor saturated'
-        pulses, force = onset_ns[group.first : group.last], trace.force[part]
-        usable = np.ones(len(lag), dtype=np.bool_)
-        if self.artifacts.found:
-            usable = ~near_pulses(trace.stamp_ns[part], pulses, trace.sample_period)
-        # the fits divide by the spread of the force
-        if not usable.any() or not np.ptp(force[usable]):
-            return 'the force never changes'
-        return Response(
-            (pulses - start) / NANOSECONDS_PER_SECOND,
-            lag,
-            force,
-            usable,
-            float(self.pulses.intensity[group.first]),
-            float(self.artifacts.offset[group.first] - self.artifacts.clock_offset),
-        )
+    start = int(pulses.onset_ns[group.first])
+    end = int(pulses.onset_ns[group.last - 1]) + nanoseconds(AFTER)
+    if group.last < len(pulses):
+        end = min(end, int(pulses.onset_ns[group.last]))
+    part = trace.between(start - nanoseconds(BEFORE), end)
+    lag = (trace.stamp_ns[part] - start) / NANOSECONDS_PER_SECOND
+    if reason := _missing(lag, end - start):
+        return reason
+    if trace.saturated[part].any():
+        return 'sensor saturated'
+    onset_ns, force = pulses.onset_ns[group.first : group.last], trace.force[part]
+    usable = np.ones(len(lag), dtype=np.bool_)
+    if artifacts.found:
+        usable = ~near_pulses(trace.stamp_ns[part], onset_ns, trace.sample_period)
+    # the fits divide by the spread of the force
+    if not usable.any() or not np.ptp(force[usable]):
+        return 'the force never changes'
+    return Response(
+        (onset_ns - start) / NANOSECONDS_PER_SECOND,
+        lag,
+        force,
+        usable,
+        float(pulses.intensity[group.first]),
+        float(artifacts.offset[group.first] - artifacts.clock_offset),
+    )
 
 
 def _missing(lag: FloatArray, length_ns: int) -> str:

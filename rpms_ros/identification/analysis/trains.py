@@ -30,7 +30,7 @@ from rpms_ros.identification.analysis.responses import Response
 from rpms_ros.identification.analysis.twitch_fits import Progress, spread
 from rpms_ros.identification.model.summation import HistoryLaw
 from rpms_ros.muscle import twitch
-from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import FloatArray, IntArray
 
 # latency [s], time constant [s] -> force in gains, shape (samples,)
 TrainShape = Callable[[float, float], FloatArray]
@@ -110,16 +110,9 @@ class TrainLaw(HistoryLaw):
             left[index + 1] = (left[index] + 1.0) * share
         return 1.0 + self.facilitation * left
 
-    def force(self, response: Response, order: int, latency: float, constant: float) -> FloatArray:
-        """Return the force of a train in units of G, shape (samples,)."""
-        columns = pulse_twitches(response, order, latency, constant)
-        activation = columns @ self.gains(response.onset)
-        return _lagged(response.lag, self.saturated(activation), self.series_lag)
-
-    def single(self, lag: FloatArray, order: int, latency: float, constant: float) -> FloatArray:
-        """Return the force after a pulse without another before it, in units of G (samples,)."""
-        force = self.saturated(twitch(lag - latency, constant, order))
-        return _lagged(lag, force, self.series_lag)
+    def force(self, lag: FloatArray, activation: FloatArray) -> FloatArray:
+        """Return the force of an activation at times `lag` in units of G, shape (samples,)."""
+        return _lagged(lag, self.saturated(activation), self.series_lag)
 
 
 @numba.njit(cache=True)
@@ -243,7 +236,7 @@ def analyze_trains(
     """
     equal, gains = [], []
     for index, response in enumerate(responses):
-        equal.append(fit_equal(response, order))
+        equal.append(fit_train(response, order))
         gains.append(fit_gains(response, order, equal[-1]))
         if progress is not None:
             progress(index + 1, len(responses))
@@ -255,13 +248,12 @@ def analyze_trains(
     law = None
     if (counts[~judged] >= _LEAST_PULSES).any():
         taught = np.flatnonzero(~judged)
-        # evenly spread over the recording; more trains would cost time without improving the fit
-        places = np.linspace(0, len(taught) - 1, _MOST_TRAINS).round().astype(np.int64)
-        picked = taught[np.unique(places)]
+        # more trains would cost time without improving the fit
+        picked = taught[evenly(len(taught), _MOST_TRAINS)]
         law = fit_history([responses[k] for k in picked], [equal[k] for k in picked], order)
     trains = tuple(
         TrainAnalysis(
-            response, one, each, fit_with_law(law, response, order) if law else None, bool(out)
+            response, one, each, fit_train(response, order, law) if law else None, bool(out)
         )
         for response, one, each, out in zip(responses, equal, gains, judged, strict=True)
     )
@@ -279,6 +271,11 @@ def analyze_trains(
     )
 
 
+def evenly(count: int, most: int) -> IntArray:
+    """Return at most so many of `count` places, evenly chosen, first and last included."""
+    return np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(np.int64))
+
+
 def pulse_twitches(response: Response, order: int, latency: float, constant: float) -> FloatArray:
     """Return the twitch of every pulse, with peak 1 (samples, pulses)."""
     return twitch(response.lag[:, None] - response.onset - latency, constant, order)
@@ -288,19 +285,15 @@ def train_shape(
     response: Response, order: int, law: TrainLaw | None, latency: float, constant: float
 ) -> FloatArray:
     """Return the force (samples,) of a train in gains: of a law, or of equal pulses (Eq. 6)."""
+    columns = pulse_twitches(response, order, latency, constant)
     if law is not None:
-        return law.force(response, order, latency, constant)
-    total: FloatArray = pulse_twitches(response, order, latency, constant).sum(axis=1)
+        return law.force(response.lag, columns @ law.gains(response.onset))
+    total: FloatArray = columns.sum(axis=1)
     return total
 
 
-def fit_equal(response: Response, order: int) -> TrainFit:
-    """Fit a train whose pulses all have the same twitch (Eq. 6)."""
-    return fit_scaled(response, lambda *theta: train_shape(response, order, None, *theta))
-
-
-def fit_with_law(law: TrainLaw, response: Response, order: int) -> TrainFit:
-    """Fit latency, T_a, gain and baseline of a train with a given law."""
+def fit_train(response: Response, order: int, law: TrainLaw | None = None) -> TrainFit:
+    """Fit latency, T_a, gain and baseline of a train with a law, or of equal pulses (Eq. 6)."""
     return fit_scaled(response, lambda *theta: train_shape(response, order, law, *theta))
 
 
@@ -373,14 +366,10 @@ def _search(residual: Callable[[FloatArray], FloatArray], start: FloatArray) -> 
 def _train_fit(
     response: Response, theta: FloatArray, gains: FloatArray, baseline: float, modelled: FloatArray
 ) -> TrainFit:
-    fit = fit_percent(response.force[response.usable], modelled[response.usable])
+    measured = response.force[response.usable]
+    missed = float(np.linalg.norm(measured - modelled[response.usable]))
+    fit = 100.0 * (1.0 - missed / max(float(np.linalg.norm(measured - measured.mean())), 1e-300))
     return TrainFit(fit, float(theta[0]), float(theta[1]), gains, float(baseline), modelled)
-
-
-def fit_percent(measured: FloatArray, modelled: FloatArray) -> float:
-    """Return 100 (1 - |F - F^| / |F - mean F|), the normalised fit [%]."""
-    spread = float(np.linalg.norm(measured - measured.mean()))
-    return 100.0 * (1.0 - float(np.linalg.norm(measured - modelled)) / max(spread, 1e-300))
 
 
 _NUMBERS = 5
@@ -449,7 +438,7 @@ def _misfit(
     law: TrainLaw, train: Response, order: int, latency: float, constant: float
 ) -> FloatArray:
     """Return the residual (samples,) over the spread of the train, at best gain and baseline."""
-    shape = law.force(train, order, latency, constant)[train.usable]
+    shape = train_shape(train, order, law, latency, constant)[train.usable]
     force = train.force[train.usable]
     shape, force = shape - shape.mean(), force - force.mean()
     gain = float(shape @ force) / max(float(shape @ shape), 1e-300)

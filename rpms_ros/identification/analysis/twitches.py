@@ -153,11 +153,11 @@ class TwitchAnalysis:
     example: Response
 
     @property
-    def relative_peak(self) -> FloatArray:
-        """Peaks relative to the mean peak at the greatest intensity (twitches,), as in Fig. 5."""
-        peak = self.fits.column(PEAK, self.choice.order)
-        top = np.nan_to_num(self.fits.intensity, nan=1.0)
-        return np.asarray(peak / peak[top >= top.max() - 1e-3].mean())
+    def top_peak(self) -> float:
+        """Mean peak at the greatest intensity [N], to which those of Fig. 5 are relative."""
+        intensity = np.nan_to_num(self.fits.intensity, nan=1.0)
+        strongest = intensity >= intensity.max() - _INTENSITY_STEP
+        return float(self.fits.column(PEAK, self.choice.order)[strongest].mean())
 
 
 def analyze_twitches(
@@ -179,21 +179,20 @@ def analyze_twitches(
     progress : callable, optional
         Called with the number of twitches done and of all.
     """
-    reasons = Counter(rejected)
     fits = fit_twitches(responses, ORDERS, progress)
-    verdict = [_verdict(item, table) for item, table in
-               zip(responses, fits.table, strict=True)]  # fmt: skip
-    reasons.update(reason for reason in verdict if reason)
-    good = [item for item, reason in zip(responses, verdict, strict=True) if not reason]
+    verdicts = list(map(_verdict, responses, fits.table))
+    reasons = Counter(rejected) + Counter(filter(None, verdicts))
+    good = [item for item, reason in zip(responses, verdicts, strict=True) if not reason]
     if not good:
         return f'no response to a single pulse qualifies ({counted_reasons(reasons)})'
-    fits = fits.chosen(np.array([not reason for reason in verdict]))
+    fits = fits.chosen(np.array([not reason for reason in verdicts]))
     choice = choose_order(fits)
     onset, constant, peak = (
         fits.column(column, choice.order) for column in (ONSET, CONSTANT, PEAK)
     )
     marked = any(np.isfinite(item.artifact) for item in good)
     crossing = np.array([crossing_latency(item, sample_period, marked) for item in good])
+    evidence = fits.intensity, reasons
     reference = 'artifact' if marked else 'stamp'
     return TwitchAnalysis(
         fits=fits,
@@ -201,10 +200,8 @@ def analyze_twitches(
         shared=_shared_twitch(good, fits, choice.order),
         time_constant=float(constant.mean()),
         time_constant_spread=spread(constant),
-        latency=latency_table('joint fit', 'stamp', onset, fits.intensity, reasons),
-        crossing_latency=latency_table(
-            'zero crossing', reference, crossing, fits.intensity, reasons
-        ),
+        latency=latency_table('joint fit', 'stamp', onset, *evidence),
+        crossing_latency=latency_table('zero crossing', reference, crossing, *evidence),
         rejected=dict(reasons),
         example=good[int(np.argmax(peak))],
     )
@@ -227,16 +224,9 @@ def _verdict(item: Response, table: FloatArray) -> str:
 
 def _shared_twitch(responses: Sequence[Response], fits: TwitchFits, order: int) -> SharedTwitch:
     """Return one onset and time constant for all responses."""
-    lag, force = (
-        np.concatenate(part) for part in zip(*(item.samples for item in responses), strict=True)
-    )
-    start = np.array(
-        [
-            np.median(fits.column(ONSET, order)),
-            np.log(np.median(fits.column(CONSTANT, order))),
-            float(order),
-        ]
-    )
+    lag, force = np.concatenate([item.samples for item in responses], axis=1)
+    medians = np.median([fits.column(ONSET, order), fits.column(CONSTANT, order)], axis=1)
+    start = np.array([medians[0], np.log(medians[1]), float(order)])
     found = shared_fit(lag, force, np.append(0, np.cumsum(fits.samples)), start, 2)
     free = max(1, len(lag) - 2 * len(responses) - 2)
     deviation = np.sqrt(np.diag(np.linalg.pinv(found.normal)) * found.cost[0] / free)

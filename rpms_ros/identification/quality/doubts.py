@@ -18,7 +18,6 @@ not push, and the twitch of one pulse is not larger than the largest force that 
 such pulses were given.
 """
 
-import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import replace
@@ -99,30 +98,21 @@ MEANING: Mapping[str, str] = {
     'learning waits if it happens twice within 10 s, as with two drivers',
     PULSE_SEQUENCE_STUCK: 'pulses of a driver that does not count them; losses cannot show',
     PULSE_PUBLISHERS: 'further publishers of the pulses on the graph of a node; all are heard',
-    SAMPLES_EXCLUDED: (
-        'force samples that were predicted but not learnt from; so at the start of a stream whose '
-        'first pulse has another sequence number than 0, with no rest before it: earlier pulses '
-        'still act'
-    ),
+    SAMPLES_EXCLUDED: 'force samples that were predicted but not learnt from; so at the start of '
+    'a stream whose first pulse has another sequence number than 0, with no rest before it: '
+    'earlier pulses still act',
     MONITOR_FAILED: 'monitors that raised an exception and were taken out',
     PULSES_TOO_FREQUENT: 'pulses between two samples for which the window has no room, dropped',
     FACTORISATION_FAILED: 'steps of an estimator that were not taken: matrix not positive',
 }
 
 LARGEST_SHARES: Mapping[str, float] = {
+    **dict.fromkeys((FORCE_OUT_OF_BOUNDS, FORCE_STAMP_NOT_AFTER_LAST, FORCE_STAMP_ALONE), 0.01),
+    **dict.fromkeys((FORCE_QUEUE_FULL, FORCE_SPIKE, FORCE_OUTLIER), 0.01),
+    **dict.fromkeys((FORCE_FROZEN, FORCE_CLIPPED), 0.01),
+    **dict.fromkeys((FORCE_CONFLICT, FORCE_ALTERNATING, FORCE_UNEXPLAINED), 0.002),
     FORCE_NOT_FINITE: 0.1,
-    FORCE_OUT_OF_BOUNDS: 0.01,
-    FORCE_CONFLICT: 0.002,
-    FORCE_STAMP_NOT_AFTER_LAST: 0.01,
-    FORCE_STAMP_ALONE: 0.01,
-    FORCE_QUEUE_FULL: 0.01,
-    FORCE_SPIKE: 0.01,
-    FORCE_OUTLIER: 0.01,
-    FORCE_ALTERNATING: 0.002,
-    FORCE_FROZEN: 0.01,
-    FORCE_CLIPPED: 0.01,
     FORCE_CONSTANT: 0.0,
-    FORCE_UNEXPLAINED: 0.002,
     SAMPLES_EXCLUDED: 0.5,
 }
 """Share of the samples that each fault may have without a doubt; monitors may add others."""
@@ -426,19 +416,11 @@ class PlausibilityCheck:
         largest = np.abs(force[usable]).max(initial=self.largest_force)
         self.largest_force = float(largest)
 
-    @property
-    def rate_hz(self) -> float:
-        """Mean rate of the pulses [Hz]; infinite with fewer than two."""
-        if not self._time_ns:
-            return math.inf
-        return (self._pulses - 1) * NANOSECONDS_PER_SECOND / self._time_ns
-
     def examine(self, estimate: Estimate) -> Estimate:
         """Return the estimate, with doubts and reasons added where it is impossible."""
-        return doubted(estimate, self._wrong(estimate)) if estimate.curve_known else estimate
-
-    def _wrong(self, estimate: Estimate) -> dict[str, bool]:
-        """Return by the name of each doubt whether it applies, at intensities that were given."""
+        if not estimate.curve_known:
+            return estimate
+        # at intensities that were given
         given = estimate.curve_intensity <= self.largest_intensity + 1e-9
         curve = estimate.curve_force[given]
         full = float(estimate.curve_force[-1])
@@ -447,15 +429,20 @@ class PlausibilityCheck:
         highest = float(estimate.response_force.max(initial=0.0))
         lowest = float(estimate.response_force.min(initial=0.0))
         most = _BEYOND * self.largest_force
-        fast = self.rate_hz > _SLOWER * estimate.repetition_rate
+        # of fewer than two pulses there is no rate
+        fast = not self._time_ns or (
+            (self._pulses - 1) * NANOSECONDS_PER_SECOND / self._time_ns
+            > _SLOWER * estimate.repetition_rate
+        )
         wide = False
         if len(estimate.curve_upper):
             width = (estimate.curve_upper - estimate.curve_lower)[given].max()
             wide = bool(width > np.abs(curve).max())
-        return {
+        wrong = {
             CURVE_NEGATIVE: bool(curve.min() < -_NEGATIVE * self.largest_force),
             CURVE_BEYOND_FORCE: bool(curve.max() > most and fast),
             RESPONSE_BEYOND_FORCE: min(share, 1.0) * highest > most,
             RESPONSE_NEGATIVE: lowest < -_RESPONSE_NEGATIVE * highest,
             BAND_WIDER_THAN_CURVE: wide,
         }
+        return doubted(estimate, wrong)

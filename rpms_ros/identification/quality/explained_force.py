@@ -13,7 +13,7 @@ a number is no measurement and is not shown as one.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numba
@@ -33,10 +33,10 @@ from rpms_ros.pulses import (
     nanoseconds,
 )
 
+# What estimators make of the interval before a pulse; no estimate says which.
 LAWS = (None, RateRecruitment())
 _JUDGED_PULSES = 101
 _AFTER_LAST_NS = 500_000_000
-"""What estimators make of the interval before a pulse; no estimate says which."""
 # Shorter intervals count as this [ns].
 _SHORTEST_NS = 1_000_000
 
@@ -141,14 +141,15 @@ def weight_at_own_rate(
     if len(last) < 2:
         return 1.0
     part = (stamp_ns >= last.onset_ns[0]) & (stamp_ns <= last.onset_ns[-1] + _AFTER_LAST_NS)
-    error = {}
-    for law in LAWS:
+    after = stamp_ns[part] >= last.onset_ns[1]
+
+    def missed(law: RateRecruitment | None) -> float:
         # the weight of the first pulse is that of a pulse without another before it
-        stated = simulated_force(estimate, last[1:], stamp_ns[part], law)
-        after = stamp_ns[part] >= last.onset_ns[1]
-        residual = (force[part] - stated)[after]
-        error[law] = float(np.var(residual)) if len(residual) else 0.0
-    best = min(LAWS, key=lambda law: error[law])
+        simulated = simulated_force(estimate, last[1:], stamp_ns[part], law)
+        residual = (force[part] - simulated)[after]
+        return float(np.var(residual)) if len(residual) else 0.0
+
+    best = min(LAWS, key=missed)
     if best is None:
         return 1.0
     return float(np.median(_rate_weights(estimate.repetition_rate, last.onset_ns, best)[1:]))
@@ -246,23 +247,41 @@ def informed_parameters(estimate: Estimate) -> BoolArray:
     return informed
 
 
-def informed_physiology(estimate: Estimate) -> Iterator[int]:
-    """Yield the indices of the physiology of which the data inform.
+@dataclass(frozen=True)
+class Stated:
+    """A number with its interval."""
+
+    value: float
+    lower: float
+    upper: float
+
+
+def stated(names: Sequence[str], *columns: FloatArray) -> dict[str, Stated]:
+    """Return values and the ends of their intervals, by name."""
+    rows = np.stack(columns, axis=1).tolist()
+    return {name: Stated(*row) for name, row in zip(names, rows, strict=True)}
+
+
+def informed_physiology(estimate: Estimate) -> dict[str, Stated]:
+    """Return the numbers of the physiology of which the data inform, by name.
 
     Informed is a number whose standard deviation is below 0.7 (as in `identifiability`) of that
     of the prior, or of the value itself where there is no prior.  None is if the twitch has
     another peak than the response to which it was fitted.
     """
     if not estimate.confidence > 0.0 or not len(estimate.response_force):
-        return
+        return {}
     quantile = float(ndtri(0.5 + 0.5 * estimate.confidence))
-    values = dict(zip(estimate.physiology_names, estimate.physiology.tolist(), strict=True))
+    columns = (estimate.physiology, estimate.physiology_lower, estimate.physiology_upper)
+    found = stated(estimate.physiology_names, *columns)
     peak = float(estimate.response_force.max())
-    if abs(values.get('twitch_peak_n', peak) - peak) > _PEAK_DIFFERENCE * abs(peak):
-        return
-    # the lower end may have been cut off at 0
-    width = (estimate.physiology_upper - estimate.physiology) / quantile
-    for index, name in enumerate(estimate.physiology_names):
-        _, before = PRIOR.get(name, (0.0, abs(values[name])))
-        if width[index] < LEAST_GAIN * before:
-            yield index
+    twitch = found.get('twitch_peak_n')
+    if twitch and abs(twitch.value - peak) > _PEAK_DIFFERENCE * abs(peak):
+        return {}
+
+    def informs(name: str, one: Stated) -> bool:
+        _, before = PRIOR.get(name, (0.0, abs(one.value)))
+        # the lower end may have been cut off at 0
+        return (one.upper - one.value) / quantile < LEAST_GAIN * before
+
+    return {name: one for name, one in found.items() if informs(name, one)}

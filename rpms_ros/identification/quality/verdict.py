@@ -53,31 +53,8 @@ Reason = tuple[str, str]
 """Grade and sentence."""
 
 
-@dataclass(frozen=True)
-class VerdictSettings:
-    """What depends on who is measured.
-
-    Attributes
-    ----------
-    expected_force : float
-        Largest force of the muscle at a sensor [N].  200 N are far above that of a hand, a
-        forearm or a foot; a strong leg at a dynamometer needs more.
-
-    Raises
-    ------
-    IdentificationError
-        If `expected_force` is not above 0.
-    """
-
-    expected_force: float = 200.0
-
-    def __post_init__(self) -> None:
-        if not self.expected_force > 0.0:
-            raise IdentificationError(
-                f'expected a largest force above 0 N, got {self.expected_force}'
-            )
-
-
+# Far above the force of a hand, a forearm or a foot [N]; a strong leg at a dynamometer needs more.
+EXPECTED_FORCE = 200.0
 # Least range of the force [N].  Sensors for people resolve 0.01 to 0.1 N, and muscles of rats pull
 # with some newtons; in kN a force of 10 N is 0.01.
 _LEAST_FORCE = 0.05
@@ -153,7 +130,7 @@ def verdict_of(
     session: IdentifiedSession,
     pulses: PulseTrain,
     forces: ForceTrace,
-    settings: VerdictSettings | None = None,
+    expected_force: float = EXPECTED_FORCE,
     dynamics: TrainDynamics | None = None,
 ) -> Verdict:
     """Return the verdict on a session.
@@ -164,13 +141,20 @@ def verdict_of(
         The result.
     pulses, forces : PulseTrain, ForceTrace
         The recording.
-    settings : VerdictSettings, optional
-        Thresholds.
+    expected_force : float
+        Largest force that the muscle can have at the sensor [N].
     dynamics : TrainDynamics, optional
         Dynamics found from trains of one intensity; judged if the estimate has no curve.
+
+    Raises
+    ------
+    IdentificationError
+        If `expected_force` is not above 0.
     """
-    unit, expected = session.last.unit, (settings or VerdictSettings()).expected_force
-    reasons = list(reasons_of_data(pulses, forces, expected, unit))
+    if not expected_force > 0.0:
+        raise IdentificationError(f'expected a largest force above 0 N, got {expected_force}')
+    unit = session.last.unit
+    reasons = list(reasons_of_data(pulses, forces, expected_force, unit))
     if not any(grade == NO for grade, _ in reasons):
         reasons += [
             (NO if name == CLOCKS_DIFFER else DOUBTFUL, stated_doubt(session.last, name))
@@ -183,7 +167,10 @@ def verdict_of(
         return _of_dynamics(reasons, dynamics, unit)
     part = _looked_at(session, pulses)
     if np.count_nonzero(part) < 3:
-        return of_reasons([*reasons, (NO, _nothing_to_judge_by(session, pulses))], '')
+        nothing = 'there is no force to judge by while pulses act'
+        if session.last.faults.get(PULSE_INTENSITY_INVALID):
+            nothing += f': {invalid_intensities(pulses)}'
+        return of_reasons([*reasons, (NO, nothing)], '')
     found = simulated_fit(session.last, pulses, session.stamp_ns[part], session.force[part])
     span = float(np.ptp(session.force[session.usable]))
     reasons += _of_the_estimate(session.last, found, span)
@@ -198,13 +185,6 @@ def verdict_of(
         f'{QUANTITIES[unit]}'
     )
     return of_reasons(reasons, praise)
-
-
-def _nothing_to_judge_by(session: IdentifiedSession, pulses: PulseTrain) -> str:
-    nothing = 'there is no force to judge by while pulses act'
-    if session.last.faults.get(PULSE_INTENSITY_INVALID):
-        return f'{nothing}: {invalid_intensities(pulses)}'
-    return nothing
 
 
 def _of_dynamics(reasons: list[Reason], dynamics: TrainDynamics, unit: str) -> Verdict:
@@ -258,35 +238,18 @@ def _of_the_fit(
     if slow > _LARGEST_RESIDUAL * span:
         text = (
             f'the residual is not white: {slow:.2g} {session.last.unit} of it, '
-            f'{100 * slow / span:.2g} % of the '
-            f'range of the force, is no noise of the sensor{hint}'
+            f'{100 * slow / span:.2g} % of the range of the force, is no noise of the sensor{hint}'
         )
         yield DOUBTFUL, text
     seconds = float(np.ptp(stamps[part])) / NANOSECONDS_PER_SECOND
-    drift = abs(found.slope) * seconds
-    if drift > _LARGEST_DRIFT * span:
-        yield (
-            DOUBTFUL,
-            f'the baseline drifts by {60 * found.slope:.2g} {session.last.unit} a minute',
-        )
-    held_out = _held_out_errors(session, pulses)
-    if held_out is not None:
-        error_before, error_after = held_out
-        most = max(_HELD_OUT_TIMES * error_after, _LARGEST_HELD_OUT * span)
-        if error_before > most:
-            text = (
-                'the end of the session, held out, is missed by '
-                f'{100 * error_before / span:.2g} % of the range of the force, '
-                f'fitted it is {100 * error_after / span:.2g} %'
-            )
-            yield DOUBTFUL, text
+    if abs(found.slope) * seconds > _LARGEST_DRIFT * span:
+        a_minute = f'{60 * found.slope:.2g} {session.last.unit} a minute'
+        yield DOUBTFUL, f'the baseline drifts by {a_minute}'
+    yield from _of_the_end(session, pulses, span)
 
 
-def _held_out_errors(session: IdentifiedSession, pulses: PulseTrain) -> tuple[float, float] | None:
-    """Return the error on the end of the session with an earlier estimate, and with the last [N].
-
-    None if there is no earlier estimate.
-    """
+def _of_the_end(session: IdentifiedSession, pulses: PulseTrain, span: float) -> Iterator[Reason]:
+    """Yield a reason if an earlier estimate misses the end of the session more than the last."""
     stamps = session.stamp_ns
     duration = int(stamps[-1] - stamps[0])
     grid = nanoseconds(period_of_estimates(duration / NANOSECONDS_PER_SECOND))
@@ -294,14 +257,19 @@ def _held_out_errors(session: IdentifiedSession, pulses: PulseTrain) -> tuple[fl
     before = [one for one in session.estimates[:-1] if one.stamp_ns < boundary]
     end = session.usable & (stamps >= boundary)
     if not before or not before[-1].samples or np.count_nonzero(end) < 3:
-        return None
+        return
     if np.any(np.diff(stamps[end]) <= 0):
-        return None
-    errors = [
+        return
+    held_out, fitted = (
         simulated_fit(one, pulses, stamps[end], session.force[end]).error
         for one in (before[-1], session.last)
-    ]
-    return errors[0], errors[1]
+    )
+    if held_out > max(_HELD_OUT_TIMES * fitted, _LARGEST_HELD_OUT * span):
+        text = (
+            f'the end of the session, held out, is missed by {100 * held_out / span:.2g} % of the '
+            f'range of the force, fitted it is {100 * fitted / span:.2g} %'
+        )
+        yield DOUBTFUL, text
 
 
 # A twitch rises within 20 to 100 ms: fewer samples a second do not show it.
@@ -400,7 +368,7 @@ def _of_the_estimate(last: Estimate, found: SimulatedFit, span: float) -> Iterat
         yield NO, 'the force holds noise only: the pulses leave no trace in it (topic, axis?)'
         return
     response = last.response_force
-    extreme = float(response[int(np.argmax(np.abs(response)))]) if len(response) else 0.0
+    extreme = float(max(response, key=abs, default=0.0))
     full = float(last.curve_force[-1]) if last.curve_known else extreme
     if abs(extreme) < 1e-9 * found.signal:
         yield NO, 'no force comes out: the estimator has learnt nothing (topic, axis?)'
@@ -415,12 +383,9 @@ def _of_the_estimate(last: Estimate, found: SimulatedFit, span: float) -> Iterat
     yield from _of_the_explanation(found, span, last.unit)
     swing = -float(response.min()) / extreme
     if swing > _DEEPEST_SWING:
-        grade = NO if swing > _WORST_SWING else DOUBTFUL
-        text = (
-            f'the response to a pulse swings to {response.min():.3g} {last.unit}: a muscle '
-            'only pulls'
-        )
-        yield grade, text
+        lowest = f'{response.min():.3g} {last.unit}'
+        text = f'the response to a pulse swings to {lowest}: a muscle only pulls'
+        yield (NO if swing > _WORST_SWING else DOUBTFUL), text
     if len(last.curve_lower) and not last.curve_lower[-1] > 0.0:
         yield NO, 'the force at full intensity cannot be told from nothing'
 

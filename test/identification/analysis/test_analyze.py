@@ -237,7 +237,7 @@ def worst_error(found, subject):
 def test_table_3_is_found_in_its_own_field():
     found = fit_field(points(average_subject()))
     assert worst_error(found, average_subject()) < 1e-3
-    values = {name: interval.value for name, interval in found.parameters}
+    values = {name: interval.value for name, interval in found.parameters.items()}
     assert values['threshold'] == pytest.approx(0.48, abs=0.01)
     assert values['saturation'] == pytest.approx(0.98, abs=0.01)
     assert found.shape_difference < 0.01
