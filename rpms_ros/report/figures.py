@@ -16,8 +16,9 @@ peak.
 """
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from io import BytesIO
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -67,10 +68,10 @@ def begin_of_response(force: FloatArray) -> int:
 
 
 def draw_recruitment(
-    place: Axes, session: IdentifiedSession, dose: Dose, truth: KnownMuscle | None = None
+    axes: list[Axes], session: IdentifiedSession, dose: Dose, truth: KnownMuscle | None = None
 ) -> None:
     """Draw the recruitment curve with its band, the true one and the intensities used."""
-    last = session.last
+    (place,), last = axes, session.last
     place.set(
         title=f'Recruitment at {last.repetition_rate:g} Hz',
         xlabel='intensity / share of maximum',
@@ -97,13 +98,16 @@ def draw_recruitment(
 
 
 def draw_response(
-    place: Axes, session: IdentifiedSession, force: FloatArray, truth: KnownMuscle | None = None
+    axes: list[Axes],
+    session: IdentifiedSession,
+    force: FloatArray,
+    truth: KnownMuscle | None = None,
 ) -> None:
     """Draw the response to one pulse, `force` (times,) [N], with its band and the true one.
 
     The response before it is determined (`begin_of_response`) is dotted.
     """
-    last = session.last
+    (place,), last = axes, session.last
     time = 1e3 * last.response_time
     full = 'at full intensity' if last.curve_known else 'of the intensity used'
     place.set(
@@ -264,7 +268,6 @@ _LINE_STYLES = ('-', ':', '-.')
 # and sharpness absolute.  Without it the noise of a steady muscle fills the panel.
 _FORCE_SPAN, _TIME_SPAN, _INTENSITY_SPAN, _SHARPNESS_SPAN = 0.2, 0.2, 0.05, 1.0
 _MARGIN = 0.08
-_HATCHED = '#c8c8c8'
 
 
 class _Line(NamedTuple):
@@ -327,7 +330,7 @@ def draw_course(axes: list[Axes], course: Course, truth: KnownMuscle | None = No
         for index, flag in enumerate(course.flags):
             named = 'doubt or fault' if place is axes[0] and not index else None
             span = place.axvspan(flag.start_s, flag.end_s, zorder=0.5, label=named)
-            span.set(facecolor='none', edgecolor=_HATCHED, hatch='///', linewidth=0.0)
+            span.set(facecolor='none', edgecolor='#c8c8c8', hatch='///', linewidth=0.0)
         for change in course.changes:
             place.axvline(change.time_s, color=FAINT, ls=':', lw=1.4)
     top = axes[0]
@@ -376,31 +379,20 @@ def _draw_panel(place: Axes, course: Course, panel: _Panel) -> None:
         place.set_ylim(middle - 0.5 * height, middle + 0.5 * height)
 
 
-Draw = Callable[[list[Axes], SessionReport], None]
-
 # A screen of 390 px shows no wider figure with letters of 8 px.
 _WIDTH = 5.6
-FIGURES: dict[str, tuple[Draw, float, int]] = {
-    'recruitment': (
-        lambda axes, one: draw_recruitment(axes[0], one.identified, one.schedule, one.true_muscle),
-        3.6,
-        1,
-    ),
-    'response': (
-        lambda axes, one: draw_response(
-            axes[0], one.identified, one.result.impulse_response.force, one.true_muscle
-        ),
-        3.6,
-        1,
-    ),
-    'parameters': (lambda axes, one: draw_course(axes, one.course, one.true_muscle), 0.5, 0),
-    'force': (lambda axes, one: draw_force(axes, one.identified, one.schedule), 4.4, 2),
-    'worst': (lambda axes, one: draw_worst(axes, one.identified), 4.4, 2),
-    'residuals': (lambda axes, one: draw_residuals(axes, one.residuals), 4.4, 2),
-    'held_out': (lambda axes, one: draw_held_out(axes, one.identified, one.held_out), 4.4, 2),
-    'schedule': (lambda axes, one: draw_schedule(axes, one.schedule), 4.4, 2),
+_RESPONSE = 'result.impulse_response.force'
+FIGURES: dict[str, tuple[Callable[..., None], tuple[str, ...], float, int]] = {
+    'recruitment': (draw_recruitment, ('identified', 'schedule', 'true_muscle'), 3.6, 1),
+    'response': (draw_response, ('identified', _RESPONSE, 'true_muscle'), 3.6, 1),
+    'parameters': (draw_course, ('course', 'true_muscle'), 0.5, 0),
+    'force': (draw_force, ('identified', 'schedule'), 4.4, 2),
+    'worst': (draw_worst, ('identified',), 4.4, 2),
+    'residuals': (draw_residuals, ('residuals',), 4.4, 2),
+    'held_out': (draw_held_out, ('identified', 'held_out'), 4.4, 2),
+    'schedule': (draw_schedule, ('schedule',), 4.4, 2),
 }
-"""How each figure is drawn, its height [inch] and its panels, by name; a course has its own."""
+"""What draws each figure, from what of a report, its height [inch] and its panels, by name."""
 
 OF_THE_ESTIMATOR = ('parameters', 'worst', 'residuals', 'held_out')
 """Those that have no meaning where trains stand for the estimate."""
@@ -441,14 +433,14 @@ def draw(name: str, report: SessionReport) -> Figure:
     """Return one of `FIGURES`, drawn."""
     if name == 'force' and report.result.trains is not None:
         return draw_trains(report.result.trains, unit=report.result.unit)
-    painter, height, rows = FIGURES[name]
+    painter, parts, height, rows = FIGURES[name]
     if name == 'parameters':
         rows = len(course_panels(report.course))
         height += 1.6 * rows
     figure = Figure(figsize=(_WIDTH, height), layout='constrained', dpi=150)
     # lags and times are no common axis
     axes = figure.subplots(rows, 1, sharex=name != 'residuals', squeeze=False)
-    painter(list(axes.flat), report)
+    painter(list(axes.flat), *(attrgetter(part)(report) for part in parts))
     label(figure)
     return figure
 
@@ -487,11 +479,9 @@ def write_figures(folder: Path, report: SessionReport) -> list[Path]:
     return written
 
 
-@contextmanager
-def style() -> Iterator[None]:
+def style() -> AbstractContextManager[None]:
     """Draw in the style of the report."""
-    with mpl.rc_context(_STYLE):
-        yield
+    return mpl.rc_context(_STYLE)
 
 
 def draw_session(
@@ -534,9 +524,9 @@ def draw_session(
             draw_course(_column(figure, grid[0, 0], [1.0] * rows), course, truth)
         beside = grid[0, 1] if course.has_course else grid[0, :]
         draw_force(_column(figure, beside, [1.4, 1.0]), session, dose)
-        draw_recruitment(figure.add_subplot(grid[1, 0]), session, dose, truth)
+        draw_recruitment([figure.add_subplot(grid[1, 0])], session, dose, truth)
         force = impulse_response(pulses, session)
-        draw_response(figure.add_subplot(grid[1, 1]), session, force, truth)
+        draw_response([figure.add_subplot(grid[1, 1])], session, force, truth)
         label(figure)
         figure.suptitle(title, fontsize=12)
     return figure

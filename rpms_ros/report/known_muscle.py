@@ -25,7 +25,7 @@ from rpms_ros.schema import documented
 
 SETTLED_S = 15.0
 """The worst error over a session counts from here on [s]; of a shorter one from its middle."""
-_NOTE = 'subject'
+
 _STATE = ('threshold', 'saturation', 'time_constant', 'latency')
 # Parameters of the estimators by their names in the true muscle.
 _RECRUITMENT = {
@@ -239,7 +239,7 @@ def of_subject(subject: Subject, rate_hz: float) -> KnownMuscle:
 def _noted_subject(notes: Mapping[str, str]) -> Subject | None:
     """Return the subject that `rpms simulate` noted in a recording, None if there is none."""
     try:
-        values = json.loads(notes[_NOTE])
+        values = json.loads(notes['subject'])
         recruitment = IntensityRecruitment(**values.pop('recruitment'))
         rates = RateRecruitment(**values.pop('rate_recruitment'))
         return replace(Subject(**values), recruitment=recruitment, rate_recruitment=rates)

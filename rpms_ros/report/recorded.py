@@ -6,6 +6,7 @@ Recorded estimates as a table for an export, and compared with those of another 
 """
 
 import json
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from itertools import chain
@@ -294,17 +295,10 @@ class Agreement:
 
 def compare(live: Sequence[Estimate], replayed: Sequence[Estimate]) -> Agreement:
     """Return whether each live estimate is the replayed one of its stamp, bit for bit."""
-    partners = {estimate.stamp_ns: estimate for estimate in replayed}
-    differing: dict[str, int] = {}
-    missing = 0
-    for estimate in live:
-        partner = partners.get(estimate.stamp_ns)
-        if partner is None:
-            missing += 1
-            continue
-        for name in differences(estimate, partner):
-            differing[name] = differing.get(name, 0) + 1
-    return Agreement(len(live) - missing, missing, differing)
+    partners = {one.stamp_ns: one for one in replayed}
+    pairs = [(one, partners[one.stamp_ns]) for one in live if one.stamp_ns in partners]
+    differing = Counter(name for pair in pairs for name in differences(*pair))
+    return Agreement(len(pairs), len(live) - len(pairs), differing)
 
 
 def differences(first: Estimate, second: Estimate) -> list[str]:

@@ -44,7 +44,7 @@ from rpms_ros.schema import internal, plain
 
 # Share of the time at the end whose a-priori residuals are analysed.
 _RESIDUAL_SHARE = 0.2
-_PACKAGES = ('numpy', 'scipy', 'numba', 'matplotlib')
+
 SHARES_SHOWN = (0.5, 1.0)
 # Force not caused by the stimulation is mentioned above this share of the range of the force.
 _EFFORT = 0.05
@@ -289,7 +289,7 @@ def _residuals(session: IdentifiedSession, recording: Recording) -> ResidualAnal
 
 def _versions() -> dict[str, str]:
     found = {'rpms_ros': __version__, 'python': platform.python_version()}
-    for name in _PACKAGES:
+    for name in ('numpy', 'scipy', 'numba', 'matplotlib'):
         try:
             found[name] = version(name)
         except PackageNotFoundError:

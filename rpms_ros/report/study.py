@@ -15,6 +15,7 @@ from concurrent.futures import (
     as_completed,
 )
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from io import StringIO
 from multiprocessing import get_context
@@ -251,17 +252,15 @@ class StudyTable:
         self.folder = folder
         self.recordings = recordings
         self._keys = {path: _key(path, options) for path in recordings}
+        before: dict[str, Row] = {}
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            rows = json.loads((folder / 'results.json').read_text('utf-8'))
-            before = {row['key']: row for row in rows if row['status'] == 'ok'}
-        except FileNotFoundError:
-            before = {}
+            # there is none yet, or it is of another version, or cut off
+            with suppress(FileNotFoundError, KeyError, TypeError, ValueError):
+                rows = json.loads((folder / 'results.json').read_text('utf-8'))
+                before = {row['key']: row for row in rows if row['status'] == 'ok'}
         except OSError as error:
             raise RecordingError(f'expected to write into {folder}, got {error}') from error
-        # of another version, or cut off
-        except (KeyError, TypeError, ValueError):
-            before = {}
         self._rows = {path: before[key] for path, key in self._keys.items() if key in before}
 
     def waiting(self) -> list[Path]:

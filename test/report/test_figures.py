@@ -70,7 +70,7 @@ def test_the_figure_marks_it():
     axes = Figure().subplots()
     force = result.response.force.copy()
     force[:2] = 0.15, -0.04
-    draw_response(axes, result.estimates, force)
+    draw_response([axes], result.estimates, force)
     lines = {line.get_label(): line for line in axes.get_lines()}
     solid = lines['identified']
     dotted = lines['before the muscle answers: not determined']
