@@ -15,7 +15,7 @@ So a fitted response to one pulse is not determined before its last change of si
 peak.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from io import BytesIO
 from operator import attrgetter

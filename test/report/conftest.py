@@ -39,14 +39,13 @@ def _make_recording(path, low=0.0, custom=None):
     return path
 
 
-def _make_report(path, settings=None):
+def _make_report(path):
     """The report on a recording."""
     recording = read_recording(path)
     session = identified(recording, IdentificationOptions('recursive', 'paper_table_4'))
     result = result_of(recording, session)
     messages = recorded_messages(path)
-    build = ModifiedRecursiveLM
-    return report_of(path.name, recording, messages, session, result, build, settings)
+    return report_of(path.name, recording, messages, session, result, ModifiedRecursiveLM())
 
 
 def _with_session(report, session):
