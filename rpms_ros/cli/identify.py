@@ -99,7 +99,7 @@ def run(arguments: argparse.Namespace) -> int:
         # The result is the last estimate; figures, and whether the muscle changed, need more.
         most = _MOST_ESTIMATES if arguments.out or arguments.estimator == FOLLOWER else 1
         session = identified(recording, options, advance, most)
-    result = result_of(recording, session, options.expected_force)
+    result = result_of(recording, session, arguments.expected_force)
     if arguments.json:
         print(json.dumps(plain(result), allow_nan=False))
     else:

@@ -153,7 +153,7 @@ def identification_options(arguments: argparse.Namespace) -> 'IdentificationOpti
     """Return how a recording is identified, as the options say."""
     from rpms_ros.report.result import IdentificationOptions
 
-    names = ('estimator', 'preset', 'rate_hz', 'seed', 'expected_force')
+    names = ('estimator', 'preset', 'rate_hz', 'seed')
     return IdentificationOptions(**{name: getattr(arguments, name) for name in names})
 
 

@@ -101,6 +101,6 @@ def _report(arguments: argparse.Namespace) -> 'SessionReport':
     count = 2 * len(recording.forces)
     with progress('identifying', count, 'samples', arguments.quiet) as advance:
         session = identified(recording, options, advance)
-        result = result_of(recording, session, options.expected_force)
+        result = result_of(recording, session, arguments.expected_force)
         found = (recording, messages, session, result, options.build())
         return report_of(title, *found, arguments.held_out, command, advance)

@@ -86,8 +86,6 @@ class IdentificationOptions:
         What pulses do to those after them.
     start_from : Path or None
         JSON of the result of an earlier session.
-    expected_force : float
-        Largest force that the muscle can have [N], for the verdict.
     """
 
     estimator: str = 'batch'
@@ -96,7 +94,6 @@ class IdentificationOptions:
     seed: int = 0
     history: TemporalSummation | None = None
     start_from: Path | None = None
-    expected_force: float = EXPECTED_FORCE
 
     def build(self) -> Estimator:
         """Return a new estimator."""

@@ -25,6 +25,7 @@ from typing import Any
 from rpms_ros.errors import RecordingError, RpmsError
 from rpms_ros.identification.model.physiology import PHYSIOLOGY_NAMES
 from rpms_ros.identification.quality.explained_force import Stated
+from rpms_ros.identification.quality.verdict import EXPECTED_FORCE
 from rpms_ros.printable import spreadsheet_text
 from rpms_ros.recording import Topics, read_recording
 from rpms_ros.recording.rosbag.scan import READERS
@@ -66,6 +67,8 @@ class StudyOptions(IdentificationOptions):
         ``force`` or ``torque``: then every force of the table is in N m.
     max_memory : int or None
         What reading may take [bytes]; None for the default.
+    expected_force : float
+        Largest force that the muscles can have [N], for the verdict.
     """
 
     pulses_topic: str = 'pulses'
@@ -74,6 +77,7 @@ class StudyOptions(IdentificationOptions):
     sign: int = 1
     quantity: str = 'force'
     max_memory: int | None = None
+    expected_force: float = EXPECTED_FORCE
 
 
 def columns() -> list[str]:
