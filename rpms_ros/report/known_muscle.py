@@ -25,7 +25,6 @@ from rpms_ros.schema import documented
 
 SETTLED_S = 15.0
 """The worst error over a session counts from here on [s]; of a shorter one from its middle."""
-
 _STATE = ('threshold', 'saturation', 'time_constant', 'latency')
 # Parameters of the estimators by their names in the true muscle.
 _RECRUITMENT = {
