@@ -10,7 +10,7 @@ import hashlib
 import math
 import struct
 import threading
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -51,6 +51,11 @@ class Pulse(NamedTuple):
 def nanoseconds(seconds: float) -> int:
     """Return a duration [s] in whole nanoseconds."""
     return round(seconds * NANOSECONDS_PER_SECOND)
+
+
+def stamps(seconds: FloatArray) -> IntArray:
+    """Return times [s] in whole nanoseconds."""
+    return np.rint(seconds * NANOSECONDS_PER_SECOND).astype(np.int64)
 
 
 def _whole(name: str, values: npt.ArrayLike) -> IntArray:
@@ -151,6 +156,19 @@ class PulseTrain:
         return cls(*(np.concatenate(part) for part in parts))
 
     @classmethod
+    def numbered(
+        cls,
+        onset_ns: IntArray,
+        intensity: npt.ArrayLike,
+        width: npt.ArrayLike = MAGNETIC_PULSE_WIDTH,
+        first: int = 0,
+    ) -> 'PulseTrain':
+        """Return pulses whose numbers count up from `first`; one value may hold for all."""
+        sequence = np.arange(first, first + len(onset_ns))
+        shares, widths = (np.full(len(sequence), one) for one in (intensity, width))
+        return cls(onset_ns, shares, sequence, widths)
+
+    @classmethod
     def regular(
         cls,
         intensity: npt.ArrayLike,
@@ -179,19 +197,14 @@ class PulseTrain:
         if not (math.isfinite(rate_hz) and rate_hz > 0):
             raise ValueError(f'expected a repetition rate above 0 Hz, got {rate_hz}')
         values = np.asarray(intensity, dtype=np.float64)
-        count = np.arange(len(values), dtype=np.int64)
-        onset = start_ns + np.rint(count * (NANOSECONDS_PER_SECOND / rate_hz)).astype(np.int64)
-        return cls(onset, values, count, np.full(len(values), width))
+        elapsed = np.rint(np.arange(len(values)) * (NANOSECONDS_PER_SECOND / rate_hz))
+        return cls.numbered(start_ns + elapsed.astype(np.int64), values, width)
 
     @classmethod
     def of(cls, pulses: list[Pulse]) -> 'PulseTrain':
         """Return a train of single pulses."""
-        return cls(
-            np.array([pulse.onset_ns for pulse in pulses]),
-            np.array([pulse.intensity for pulse in pulses], dtype=np.float64),
-            np.array([pulse.sequence for pulse in pulses]),
-            np.array([pulse.width for pulse in pulses], dtype=np.float64),
-        )
+        names = ('onset_ns', 'intensity', 'sequence', 'width')
+        return cls(*(np.array([getattr(pulse, name) for pulse in pulses]) for name in names))
 
 
 @dataclass(frozen=True)
@@ -215,7 +228,7 @@ class ForceTrace:
 
     stamp_ns: IntArray
     force: FloatArray
-    frame_id: str = field(default='force_sensor')
+    frame_id: str = 'force_sensor'
 
     def __post_init__(self) -> None:
         object.__setattr__(self, 'stamp_ns', _whole('stamp_ns', self.stamp_ns))
@@ -232,29 +245,11 @@ class ForceTrace:
 
 # Onset [ns], intensity, number and width [s], little-endian.
 _RECORD = struct.Struct('<qdqd')
-_COLUMNS = np.dtype(
-    [('onset_ns', '<i8'), ('intensity', '<f8'), ('sequence', '<i8'), ('width', '<f8')]
-)
 _SEQUENCES = 2**32
 
 
-@dataclass(frozen=True)
-class HashedPulses:
-    """Pulses in a row.
-
-    Attributes
-    ----------
-    count : int
-        Number of them.
-    first_ns : int
-        Onset of the first [ns].
-    sha256 : str
-        Of onset, intensity, number and width of each, as hexadecimal digits.
-    """
-
-    count: int
-    first_ns: int
-    sha256: str
+def _packed(onset_ns: int, intensity: float, sequence: int, width: float) -> bytes:
+    return _RECORD.pack(onset_ns, intensity, sequence % _SEQUENCES, width)
 
 
 class PulseHash:
@@ -270,28 +265,32 @@ class PulseHash:
 
     def add(self, pulse: Pulse) -> None:
         """Take the next pulse."""
-        number = pulse.sequence % _SEQUENCES
-        record = _RECORD.pack(pulse.onset_ns, pulse.intensity, number, pulse.width)
+        record = _packed(pulse.onset_ns, pulse.intensity, pulse.sequence, pulse.width)
         with self._lock:
             if not self._count:
                 self._first_ns = pulse.onset_ns
             self._count += 1
             self._digest.update(record)
 
-    def taken(self) -> HashedPulses | None:
-        """Return the pulses since the last call, None without any; the next begins anew."""
+    def for_the_log(self) -> dict[str, object]:
+        """Return number, first onset [ns] and hash of the pulses since the last call, if any.
+
+        The hash is the SHA-256 of onset, intensity, number and width of each, as hexadecimal
+        digits.
+        """
         with self._lock:
             if not self._count:
-                return None
-            found = HashedPulses(self._count, self._first_ns, self._digest.hexdigest())
+                return {}
+            found = {
+                'pulses': self._count,
+                'first_pulse_ns': self._first_ns,
+                'pulses_sha256': self._digest.hexdigest(),
+            }
             self._begin()
             return found
 
 
 def hash_of(pulses: PulseTrain) -> str:
     """Return the hash that `PulseHash` has after the same pulses, as hexadecimal digits."""
-    records = np.empty(len(pulses), _COLUMNS)
-    for name in _COLUMNS.names or ():
-        records[name] = getattr(pulses, name)
-    records['sequence'] %= _SEQUENCES
-    return hashlib.sha256(records.tobytes()).hexdigest()
+    rows = zip(*(values.tolist() for values in pulses._arrays), strict=True)
+    return hashlib.sha256(b''.join(_packed(*row) for row in rows)).hexdigest()

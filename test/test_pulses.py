@@ -122,11 +122,12 @@ def test_one_by_one_is_all_at_once(pulses):
     hashed = PulseHash()
     for pulse in pulses:
         hashed.add(pulse)
-    found = hashed.taken()
-    assert found.count == len(pulses)
-    assert found.first_ns == pulses[0].onset_ns
-    assert found.sha256 == hash_of(PulseTrain.of(pulses))
-    assert hashed.taken() is None
+    assert hashed.for_the_log() == {
+        'pulses': len(pulses),
+        'first_pulse_ns': pulses[0].onset_ns,
+        'pulses_sha256': hash_of(PulseTrain.of(pulses)),
+    }
+    assert hashed.for_the_log() == {}
 
 
 @given(PULSES)

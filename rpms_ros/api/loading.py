@@ -13,7 +13,7 @@ from rpms_ros.api.session import Session
 from rpms_ros.axis import FORCE
 from rpms_ros.errors import RecordingError
 from rpms_ros.identification import DEFAULT_RATE
-from rpms_ros.pulses import MAGNETIC_PULSE_WIDTH, NANOSECONDS_PER_SECOND, ForceTrace, PulseTrain
+from rpms_ros.pulses import ForceTrace, PulseTrain, stamps
 from rpms_ros.recording import Recording, RecordingFacts, Topics, read_recording
 from rpms_ros.recording.importing import (
     Imported,
@@ -235,15 +235,13 @@ def from_arrays(
         raise RecordingError(
             f'expected an intensity for each of {len(onsets)} pulses, or one, got {shares.shape}'
         )
-    shares = np.broadcast_to(shares, onsets.shape).copy()
-    if (wrong := np.flatnonzero(~((shares >= 0.0) & (shares <= 1.0)))).size:
-        raise RecordingError(f'expected intensities from 0 to 1, got {shares[wrong[0]]}')
-    stamp_ns, onset_ns = (
-        np.rint(values * NANOSECONDS_PER_SECOND).astype(np.int64) for values in (seconds, onsets)
+    if (wrong := shares[~((shares >= 0.0) & (shares <= 1.0))]).size:
+        raise RecordingError(f'expected intensities from 0 to 1, got {wrong[0]}')
+    pulses, forces = (
+        PulseTrain.numbered(stamps(onsets), shares),
+        ForceTrace(stamps(seconds), newtons),
     )
-    width = np.full(len(onsets), MAGNETIC_PULSE_WIDTH)
-    pulses = PulseTrain(onset_ns, shares, np.arange(len(onsets), dtype=np.int64), width)
-    recording = as_recording(pulses, ForceTrace(stamp_ns, newtons), Path(name), 'arrays')
+    recording = as_recording(pulses, forces, Path(name), 'arrays')
     return Session(name=name, recording=recording)
 
 

@@ -27,7 +27,6 @@ from rpms_ros.report.text import labelled
 
 if TYPE_CHECKING:
     from rpms_ros.recording import Recording
-    from rpms_ros.recording.export import SessionExport
     from rpms_ros.recording.importing import Imported, ImportOptions
 
 # Those of `rpms_ros.recording.importing`, which takes long to import.
@@ -106,10 +105,17 @@ def _share_or_name(text: str) -> float | str:
 
 def run_import(arguments: argparse.Namespace) -> int:
     """Import the file and say what it held."""
+    from rpms_ros.recording import write_recording
+    from rpms_ros.recording.export import written_whole
+
     if os.path.lexists(arguments.out):
         raise RecordingError(f'expected a new folder for the recording, got {arguments.out}')
     found = imported(arguments.file, arguments)
-    _write(arguments, found)
+    what, source = (found.pulses, found.forces), {'source': arguments.file.name}
+    written_whole(
+        arguments.out,
+        lambda made: write_recording(made, *what, custom=source, quantity=found.quantity),
+    )
     stamps = found.forces.stamp_ns
     span = (stamps[-1] - stamps[0]) / 1e9 if len(stamps) else 0.0
     counts = f'{counted(len(found.pulses), "pulse")}, {counted(len(stamps), "sample")}'
@@ -146,24 +152,6 @@ def signal_options(arguments: argparse.Namespace) -> 'ImportOptions':
     )
 
 
-def _write(arguments: argparse.Namespace, found: 'Imported') -> None:
-    """Write the recording beside its place and move it there as a whole."""
-    from rpms_ros.recording import write_recording
-    from rpms_ros.recording.export import written_whole
-
-    def write(made: Path) -> None:
-        custom = {'source': arguments.file.name}
-        write_recording(
-            made,
-            found.pulses,
-            found.forces,
-            custom=custom,
-            quantity=found.quantity,
-        )
-
-    written_whole(arguments.out, write)
-
-
 def add_export(subparsers: Subparsers) -> None:
     """Add `rpms export`."""
     summary = 'a recording as files of other programs'
@@ -178,24 +166,9 @@ def add_export(subparsers: Subparsers) -> None:
 def run_export(arguments: argparse.Namespace) -> int:
     """Export the session and say what was written."""
     from rpms_ros.recording.export import write_tables, written_whole
-
-    session, findings = _session(arguments)
-    written_whole(arguments.out, lambda place: write_tables(place, session))
-    rows = 0 if session.estimates is None else len(session.estimates.stamp_ns)
-    counts = f'{counted(len(session.pulses), "pulse")}, {counted(len(session.forces), "sample")}'
-    print(f'{arguments.out}: {counts}, {rows} estimates')
-    warn(findings)
-    return INCOMPLETE if findings else SUCCESS
-
-
-def _session(arguments: argparse.Namespace) -> tuple['SessionExport', list[tuple[str, str]]]:
-    """Return what is exported, and what was wrong with it."""
-    from rpms_ros.recording import session_hash
-    from rpms_ros.recording.export import SessionExport
     from rpms_ros.report.recorded import estimate_table, recorded_messages
 
     path = arguments.bag
-    name = path.resolve().name
     recording = read(path, arguments)
     nodes = recorded_messages(path, memory=arguments.max_memory)
     findings = [('warning', remark) for remark in recording.facts.remarks]
@@ -206,14 +179,11 @@ def _session(arguments: argparse.Namespace) -> tuple['SessionExport', list[tuple
         findings.append(
             ('warning', f'expected estimates in {recording.unit}, got {units} (--quantity?)')
         )
-    session = SessionExport(
-        name,
-        recording.pulses,
-        recording.forces,
-        recording.unit,
-        estimate_table(nodes.estimates) if nodes.estimates else None,
-        session_hash(recording),
-        recording.facts.custom,
-        arguments.anonymous,
-    )
-    return session, findings
+    estimates = estimate_table(nodes.estimates) if nodes.estimates else None
+    what = (recording, path.resolve().name, estimates, arguments.anonymous)
+    written_whole(arguments.out, lambda place: write_tables(place, *what))
+    pulses, samples = len(recording.pulses), len(recording.forces)
+    counts = f'{counted(pulses, "pulse")}, {counted(samples, "sample")}'
+    print(f'{arguments.out}: {counts}, {len(nodes.estimates)} estimates')
+    warn(findings)
+    return INCOMPLETE if findings else SUCCESS

@@ -10,7 +10,8 @@ import json
 import os
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from decimal import Decimal
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -20,7 +21,8 @@ import numpy.typing as npt
 
 from rpms_ros.errors import RecordingError
 from rpms_ros.printable import printable, spreadsheet_text
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, ForceTrace, IntArray, PulseTrain
+from rpms_ros.pulses import FloatArray, IntArray
+from rpms_ros.recording.rosbag.reading import Recording, session_hash
 
 _FORCE_COLUMNS = {'N': 'force_N', 'N m': 'torque_Nm'}
 # MATLAB takes no longer name of a field.
@@ -46,86 +48,6 @@ class EstimateTable:
     texts: Mapping[str, Sequence[str]]
 
 
-@dataclass(frozen=True)
-class SessionExport:
-    """A session to be exported.
-
-    Attributes
-    ----------
-    name : str
-        What people call it.
-    pulses, forces : PulseTrain, ForceTrace
-        In the order in which they were received.
-    unit : str
-        Of the force: ``N``, or ``N m`` for a torque.
-    estimates : EstimateTable or None
-        None if none were recorded.
-    session_hash : str
-        Of what was read.
-    notes : mapping of str to str
-        What the recorder noted for people.
-    anonymous : bool
-        Whether date, name and notes are left out; times begin at 0 then.
-    """
-
-    name: str
-    pulses: PulseTrain
-    forces: ForceTrace
-    unit: str = 'N'
-    estimates: EstimateTable | None = None
-    session_hash: str = ''
-    notes: Mapping[str, str] = field(default_factory=dict)
-    anonymous: bool = False
-
-    @property
-    def origin_ns(self) -> int:
-        """Stamp of the first force sample, from which times are counted [ns]."""
-        for stamps in (self.forces.stamp_ns, self.pulses.onset_ns):
-            if len(stamps):
-                return int(stamps.min())
-        return 0
-
-    def facts(self) -> dict[str, Any]:
-        """Return what is written beside the tables; an anonymous session begins at 0."""
-        if self.anonymous:
-            first = min(int(self.pulses.onset_ns.min(initial=self.origin_ns)), self.origin_ns)
-            return {'origin_ns': str(self.origin_ns - first), 'unit': self.unit}
-        return {
-            'origin_ns': str(self.origin_ns),
-            'unit': self.unit,
-            'name': self.name,
-            'session_hash': self.session_hash,
-            'notes': dict(self.notes),
-        }
-
-    def tables(self) -> dict[str, tuple[IntArray, dict[str, npt.NDArray[Any]]]]:
-        """Return stamps [ns] and columns of each table, by its name."""
-        forces, pulses, found = self.forces, self.pulses, self.estimates
-        train: dict[str, npt.NDArray[Any]] = {
-            'intensity': pulses.intensity,
-            'width_s': pulses.width,
-            'sequence': pulses.sequence,
-        }
-        force = {_FORCE_COLUMNS[self.unit]: forces.force}
-        tables = {'force': (forces.stamp_ns, force), 'pulses': (pulses.onset_ns, train)}
-        if found is not None:
-            names = column_names((*found.texts, *found.numbers))
-            # no text that a spreadsheet would run
-            texts = (map(spreadsheet_text, map(printable, row)) for row in found.texts.values())
-            columns = [*(np.array([*row], object) for row in texts), *found.numbers.values()]
-            tables['estimates'] = found.stamp_ns, dict(zip(names, columns, strict=True))
-        return tables
-
-
-def seconds_text(stamp_ns: IntArray, origin_ns: int) -> list[str]:
-    """Return times after the origin in seconds with all of their nanoseconds."""
-    texts = []
-    for stamp in stamp_ns.tolist():
-        whole, rest = divmod(abs(stamp - origin_ns), NANOSECONDS_PER_SECOND)
-        texts.append(f'{"-" if stamp < origin_ns else ""}{whole}.{rest:09d}')
-    return texts
-
-
 def column_names(names: Iterable[str]) -> list[str]:
     """Return names that any program takes: letters, digits and underscores, no two the same.
 
@@ -144,28 +66,60 @@ def column_names(names: Iterable[str]) -> list[str]:
     return taken
 
 
-def write_tables(folder: Path, session: SessionExport) -> None:
+def write_tables(
+    folder: Path,
+    recording: Recording,
+    name: str,
+    estimates: EstimateTable | None = None,
+    anonymous: bool = False,
+) -> None:
     """Write a folder of CSV files and ``session.json``.
 
     Numbers have as many digits as it takes to read the same number again; times have all of their
-    nanoseconds.
+    nanoseconds and count from the first force sample.
 
     Parameters
     ----------
     folder : Path
         Does not exist yet.
-    session : SessionExport
+    recording : Recording
         What is written.
+    name : str
+        What people call it.
+    estimates : EstimateTable or None
+        None if none were recorded.
+    anonymous : bool
+        Whether date, name and notes are left out; times begin at 0 then.
     """
+    pulses, forces = recording.pulses, recording.forces
+    stamps = (forces.stamp_ns, pulses.onset_ns)
+    origin_ns = next((int(one.min()) for one in stamps if len(one)), 0)
+    facts: dict[str, Any] = {'origin_ns': str(origin_ns), 'unit': recording.unit}
+    if anonymous:
+        facts['origin_ns'] = str(origin_ns - int(pulses.onset_ns.min(initial=origin_ns)))
+    else:
+        notes = dict(recording.facts.custom)
+        facts |= {'name': name, 'session_hash': session_hash(recording), 'notes': notes}
+    train = {'intensity': pulses.intensity, 'width_s': pulses.width, 'sequence': pulses.sequence}
+    tables: dict[str, tuple[IntArray, Mapping[str, npt.NDArray[Any]]]] = {
+        'force': (forces.stamp_ns, {_FORCE_COLUMNS[recording.unit]: forces.force}),
+        'pulses': (pulses.onset_ns, train),
+    }
+    if estimates is not None:
+        names = column_names((*estimates.texts, *estimates.numbers))
+        # no text that a spreadsheet would run
+        texts = (map(spreadsheet_text, map(printable, row)) for row in estimates.texts.values())
+        columns = [*(np.array([*row], object) for row in texts), *estimates.numbers.values()]
+        tables['estimates'] = estimates.stamp_ns, dict(zip(names, columns, strict=True))
     folder.mkdir()
-    text = json.dumps(session.facts(), allow_nan=False, indent=1)
+    text = json.dumps(facts, allow_nan=False, indent=1)
     (folder / 'session.json').write_text(text, encoding='utf-8')
-    for name, (stamp_ns, columns) in session.tables().items():
-        times = seconds_text(stamp_ns, session.origin_ns)
-        with (folder / f'{name}.csv').open('w', newline='', encoding='utf-8') as file:
+    for title, (stamp_ns, table) in tables.items():
+        times = [f'{Decimal(stamp - origin_ns).scaleb(-9):f}' for stamp in stamp_ns.tolist()]
+        with (folder / f'{title}.csv').open('w', newline='', encoding='utf-8') as file:
             writer = csv.writer(file)
-            writer.writerow(('time_s', *columns))
-            cells = (column.tolist() for column in columns.values())
+            writer.writerow(('time_s', *table))
+            cells = (column.tolist() for column in table.values())
             writer.writerows(zip(times, *cells, strict=True))
 
 

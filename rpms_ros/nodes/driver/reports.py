@@ -77,14 +77,7 @@ class PulsePublisher:
 
     def for_the_log(self) -> dict[str, object]:
         """Return number, first stamp and hash of the pulses since the last call, if any."""
-        given = self.hash.taken()
-        if given is None:
-            return {}
-        return {
-            'pulses': given.count,
-            'first_pulse_ns': given.first_ns,
-            'pulses_sha256': given.sha256,
-        }
+        return self.hash.for_the_log()
 
     def publish(self, fired: Fired) -> None:
         """Publish one trigger that was sent to the device, answered or not."""

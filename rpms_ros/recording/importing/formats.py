@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -56,6 +57,17 @@ def _loadmat(path: Path) -> Any:
     return pickle.loads(done.stdout)
 
 
+@contextmanager
+def _read_as(what: str, path: Path) -> Iterator[None]:
+    """Refuse what a library cannot read: it raises whatever the damage leads to."""
+    try:
+        yield
+    except RecordingError:
+        raise
+    except Exception as error:
+        raise RecordingError(f'expected {what} at {path}, got {error}') from error
+
+
 def read_matlab(path: Path) -> SignalFile:
     """Return every vector of numbers in the file, named by its place; of Spike2 its channels.
 
@@ -64,16 +76,11 @@ def read_matlab(path: Path) -> SignalFile:
     RecordingError
         If the file is damaged.
     """
-    try:
+    with _read_as('a MATLAB file', path):
         content = _loadmat(path)
         if (channels := _spike2_channels(path, content)) is not None:
             return channels
         items = list(_from_structure(content))
-    except RecordingError:
-        raise
-    # scipy raises whatever the damage leads to
-    except Exception as error:
-        raise RecordingError(f'expected a MATLAB file at {path}, got {error}') from error
     vectors = [vector for name, array in items for vector in _vectors(name, array)]
     rates = [
         float(array.ravel()[0])
@@ -168,16 +175,11 @@ def read_excel(path: Path, sheet: str | None = None) -> SignalFile:
         If openpyxl is not installed, the file is damaged or no sheet can be chosen.
     """
     openpyxl = needed('openpyxl', f'an Excel workbook ({path})')
-    try:
+    with _read_as('an Excel workbook', path):
         book = openpyxl.load_workbook(path, read_only=True, data_only=True)
         chosen = _chosen(path, book.sheetnames, sheet)
         found = [row for row in book[chosen].iter_rows(values_only=True) if set(row) - {None}]
         book.close()
-    except RecordingError:
-        raise
-    # openpyxl raises whatever the damage leads to: of the archive, of XML, of a part that lacks
-    except Exception as error:
-        raise RecordingError(f'expected an Excel workbook at {path}, got {error}') from error
     width = max(map(len, found), default=0)
     rows = [['' if cell is None else str(cell).strip() for cell in row] for row in found]
     rows = [[*row, *[''] * (width - len(row))] for row in rows]
@@ -207,12 +209,9 @@ def read_xdf(path: Path) -> SignalFile:
         If pyxdf is not installed or the file is damaged.
     """
     pyxdf = needed('pyxdf', f'an XDF file ({path})')
-    try:
+    with _read_as('an XDF file', path):
         streams, _ = pyxdf.load_xdf(str(path), verbose=False)
         signals, events = _sorted(streams)
-    # pyxdf raises whatever the damage leads to, and gives streams that lack any part
-    except Exception as error:
-        raise RecordingError(f'expected an XDF file at {path}, got {error}') from error
     begins = [one.time[0] for one in signals if one.time is not None and len(one.time)]
     if not begins:
         raise RecordingError(f'expected a sampled stream in {path}, got {len(events)} of events')

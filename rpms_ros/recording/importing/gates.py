@@ -12,7 +12,14 @@ from pathlib import Path
 import numpy as np
 
 from rpms_ros.errors import RecordingError
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, PulseTrain
+from rpms_ros.pulses import (
+    NANOSECONDS_PER_SECOND,
+    BoolArray,
+    FloatArray,
+    IntArray,
+    PulseTrain,
+    stamps,
+)
 from rpms_ros.recording.importing.signals import (
     FALLING,
     RISING,
@@ -21,7 +28,7 @@ from rpms_ros.recording.importing.signals import (
     Ambiguous,
     ImportOptions,
     Signal,
-    usual_unit,
+    unit_told,
 )
 
 # 5 % of the threshold's distance to the rest, either way: far above the noise of a converter.
@@ -92,9 +99,8 @@ def gate_pulses(stamp_ns: IntArray, gate: FloatArray, options: ImportOptions) ->
             f'{longest:.3g} s: does it mark whole trains? --pulse COL decides; --edge takes each '
             'edge for a pulse all the same'
         )
-    intensity = np.full(len(onset), options.share)
     first = int(begun > 0 and begun_for <= _LONGEST)
-    return PulseTrain(onset, intensity, first + np.arange(len(onset), dtype=np.int64), width)
+    return PulseTrain.numbered(onset, options.share, width, first)
 
 
 def _edge_and_high(gate: FloatArray, options: ImportOptions) -> tuple[str, float]:
@@ -205,7 +211,7 @@ def heights_told(signal: Signal, stamp_ns: IntArray, pulses: PulseTrain) -> str 
 
 def values_at(values: FloatArray, stamp_ns: IntArray, pulses: PulseTrain) -> FloatArray:
     """Return the median of a sampled signal while each pulse lasts (pulses,)."""
-    end_ns = pulses.onset_ns + np.rint(pulses.width * NANOSECONDS_PER_SECOND).astype(np.int64)
+    end_ns = pulses.onset_ns + stamps(pulses.width)
     # events may come between samples
     begins = np.maximum(np.searchsorted(stamp_ns, pulses.onset_ns, side='right') - 1, 0)
     ends = np.maximum(np.searchsorted(stamp_ns, end_ns), begins + 1)
@@ -304,10 +310,8 @@ def list_unit(
     Ambiguous
         If several units are possible, or none: not all pulses are within the force then.
     """
-    if pulse_unit is not None:
-        return pulse_unit, 'as stated (--pulse-unit)'
-    if (stated := usual_unit(signal.unit)) in TIME_UNITS:
-        return stated, 'as the file says'
+    if told := unit_told(signal, pulse_unit, 'pulse-unit', TIME_UNITS):
+        return told
     numbers = _are_numbers(signal.values, len(seconds))
     if numbers and _NUMBERS.search(signal.name):
         return SAMPLES, 'as the name says (--pulse-unit decides)'

@@ -31,6 +31,7 @@ from rpms_ros.recording.importing.signals import (
     ImportOptions,
     Signal,
     SignalFile,
+    unit_told,
     usual_unit,
 )
 
@@ -93,7 +94,6 @@ def guess_by(file: SignalFile, options: ImportOptions) -> Guess:
     RecordingError
         If a name or unit that is given does not exist.
     """
-    reasons: list[tuple[str, str]] = []
     time, force, pulse = options.time, options.force, options.pulse
     _check_given(file, options)
     length = _length_of_force(file, force)
@@ -104,32 +104,31 @@ def guess_by(file: SignalFile, options: ImportOptions) -> Guess:
     rest = [signal for signal in sampled if signal.name != time]
     lists = [one.name for one in lists_beside(file.signals, length) if one.name != time]
     column = file.signal(time)
-    unit, told = _time_told(column, options.time_unit, rate)
-    reasons.append(('time', told))
+    unit, time_told = _time_told(column, options.time_unit, rate)
     if pulse is None:
         pulse = _pulse(file, [signal for signal in rest if signal.name != force], lists)
-    reasons.append(('pulses', repr(pulse)))
     if force is None:
         force = _force(file, [signal for signal in rest if signal.name != pulse])
     sensor, gate = file.signal(force), file.signal(pulse)
     assert sensor is not None
     newton, why = _force_unit(sensor, options.force_unit, options.force_scale)
-    reasons.insert(1, ('force', f'{force!r} in {newton}, {why}'))
     is_list = pulse in lists or options.pulse_unit is not None
     used = [column, None if is_list else gate, sensor]
     refuse_other_lengths(file.path, [one for one in used if one is not None])
-    list_in = None
+    list_in, pulses_told = None, repr(pulse)
     if is_list:
         if gate is None or gate.time is not None:
             raise RecordingError(
                 f'expected a list of pulses in no stated unit with --pulse-unit, got {pulse!r}'
             )
         seconds = _seconds(sensor, column, TIME_UNITS[unit], rate)
-        list_in, why = list_unit(gate, seconds, options.pulse_unit, options.time_unit)
-        reasons[-1] = ('pulses', described(gate, list_in, why))
+        list_in, reason = list_unit(gate, seconds, options.pulse_unit, options.time_unit)
+        pulses_told = described(gate, list_in, reason)
     elif gate is not None:
-        reasons[-1] = ('pulses', gate_told(file.path, gate, options))
-    return Guess(time, unit, force, newton, pulse, tuple(reasons), list_in)
+        pulses_told = gate_told(file.path, gate, options)
+    force_told = f'{force!r} in {newton}, {why}'
+    reasons = (('time', time_told), ('force', force_told), ('pulses', pulses_told))
+    return Guess(time, unit, force, newton, pulse, reasons, list_in)
 
 
 def _seconds(force: Signal, time: Signal | None, unit: float, rate: float | None) -> FloatArray:
@@ -236,11 +235,8 @@ def _time_unit(signal: Signal, given: str | None) -> tuple[str, str]:
                 f'got {given}'
             )
         return 's', 'from times of day'
-    if given is not None:
-        return given, 'as stated (--time-unit)'
-    stated = usual_unit(signal.unit)
-    if stated in TIME_UNITS:
-        return stated, 'as the file says'
+    if told := unit_told(signal, given, 'time-unit', TIME_UNITS):
+        return told
     if _counts(signal):
         raise _no_times(signal.name)
     period = float(np.median(np.diff(signal.values))) if len(signal.values) > 1 else 0.0
@@ -270,11 +266,9 @@ def _force_unit(signal: Signal, given: str | None, scale: float | None) -> tuple
     if scale is not None:
         whole = 'Nm' if given in TORQUE_UNITS else 'N'
         return whole, f'{scale:g} {whole} a unit (--force-scale)'
-    if given is not None:
-        return given, 'as stated (--force-unit)'
+    if told := unit_told(signal, given, 'force-unit', SENSOR_UNITS):
+        return told
     stated = usual_unit(signal.unit)
-    if stated in SENSOR_UNITS:
-        return stated, 'as the file says'
     if stated in ('', '-', 'a.u.', 'au'):
         return 'N', 'not stated (--force-unit decides)'
     raise Ambiguous(

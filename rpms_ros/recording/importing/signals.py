@@ -4,6 +4,7 @@
 
 import re
 from collections import Counter
+from collections.abc import Container
 from dataclasses import dataclass, fields, replace
 from importlib import import_module
 from pathlib import Path
@@ -132,6 +133,16 @@ _SYNONYMS = {
 def usual_unit(unit: str) -> str:
     """Return the name that a unit has here: ``s`` for ``sec``; an unknown one as it is."""
     return _SYNONYMS.get(unit, unit)
+
+
+def unit_told(
+    signal: Signal, given: str | None, option: str, units: Container[str]
+) -> tuple[str, str] | None:
+    """Return the unit that is given or stated by the file, and which; None if there is neither."""
+    if given is not None:
+        return given, f'as stated (--{option})'
+    unit = usual_unit(signal.unit)
+    return (unit, 'as the file says') if unit in units else None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,6 +7,7 @@ import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import accumulate
 from pathlib import Path
 from zipfile import BadZipFile, ZipFile
 
@@ -15,12 +16,12 @@ import numpy as np
 from rpms_ros.axis import FORCE
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import (
-    MAGNETIC_PULSE_WIDTH,
     NANOSECONDS_PER_SECOND,
     FloatArray,
     ForceTrace,
     IntArray,
     PulseTrain,
+    stamps,
 )
 from rpms_ros.recording.importing.formats import read_excel, read_matlab, read_xdf
 from rpms_ros.recording.importing.gates import (
@@ -191,7 +192,7 @@ def _converted(
     trace = ForceTrace(stamp_ns, newton * force.values)
     if gate is None:
         (times,) = (one.time for one in file.events if one.name == guess.pulse)
-        return _of_events(_rounded(np.sort(times)), options, file), trace
+        return _of_events(stamps(np.sort(times)), options, file), trace
     if guess.pulse_unit == SAMPLES:
         return _of_events(stamps_of_numbers(gate, stamp_ns), options, file), trace
     if guess.pulse_unit is not None:
@@ -205,10 +206,6 @@ def _converted(
         kept = stamp_ns >= first_ns
         trace = ForceTrace(trace.stamp_ns[kept], trace.force[kept])
     return pulses, trace
-
-
-def _rounded(seconds: FloatArray) -> IntArray:
-    return np.rint(seconds * NANOSECONDS_PER_SECOND).astype(np.int64)
 
 
 def _stamps(file: SignalFile, signal: Signal, guess: Guess, options: ImportOptions) -> IntArray:
@@ -251,19 +248,13 @@ def _rising(file: SignalFile, name: str, values: FloatArray, unit: float) -> Int
             f'expected times below 9e9 s in {file.path}, got {np.abs(seconds).max():g} s: '
             '--time-unit decides'
         )
-    return _rounded(seconds)
+    return stamps(seconds)
 
 
 def _of_events(onset: IntArray, options: ImportOptions, file: SignalFile) -> PulseTrain:
     if not len(onset):
         raise RecordingError(f'expected pulses in {file.path}, got an empty list of events')
-    count = len(onset)
-    return PulseTrain(
-        onset,
-        np.full(count, options.share),
-        np.arange(count, dtype=np.int64),
-        np.full(count, MAGNETIC_PULSE_WIDTH),
-    )
+    return PulseTrain.numbered(onset, options.share)
 
 
 def _remarks(pulses: PulseTrain, forces: ForceTrace) -> Iterator[tuple[str, str]]:
@@ -333,20 +324,16 @@ _PER_CELL = 4
 
 def _refuse_bomb(path: Path) -> None:
     """Refuse a file whose parts, by the sizes that they state, unpack into too much memory."""
-    if not path.is_file():
-        return
-    left = most = _LARGEST + _PER_BYTE * path.stat().st_size
+    most = _LARGEST + _PER_BYTE * path.stat().st_size
     try:
-        for size in _stated_sizes(path):
-            left -= size
-            if left < 0:
-                raise RecordingError(
-                    f'expected a file that unpacks into {most / 1e9:.3g} GB at most, got more in '
-                    f'{path}'
-                )
+        bomb = any(size > most for size in accumulate(_stated_sizes(path)))
     # what is damaged is told by the reader of its kind
     except (BadZipFile, KeyError, OSError, RuntimeError, ValueError, struct.error, zlib.error):
         return
+    if bomb:
+        raise RecordingError(
+            f'expected a file that unpacks into {most / 1e9:.3g} GB at most, got more in {path}'
+        )
 
 
 def _stated_sizes(path: Path) -> Iterator[int]:

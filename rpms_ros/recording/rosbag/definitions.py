@@ -104,12 +104,11 @@ def types_of(type_name: str, text: str, encoding: str) -> Typestore:
     RecordingError
         If the definition cannot be used, or is missing and the type is not known either.
     """
-    if not text or (encoding != 'ros2msg' and type_name in known_types().fielddefs):
-        if type_name not in known_types().fielddefs:
-            raise RecordingError(
-                f'expected a definition of {type_name} in the recording, got none'
-            )
+    known = type_name in known_types().fielddefs
+    if known and (not text or encoding != 'ros2msg'):
         return known_types()
+    if not text:
+        raise RecordingError(f'expected a definition of {type_name} in the recording, got none')
     store = get_typestore(Stores.EMPTY)
     try:
         if len(text) > _LONGEST:
@@ -231,26 +230,22 @@ def record_type(
     string_length : int
         Of its string, if it has one, with the closing NUL [bytes].
     """
-    names, offsets = [ENCODING], [0]
-    formats: list[np.dtype[Any]] = [np.dtype('>u2')]
-    end = 0
-
-    def add(path: str, kind: np.dtype[Any], size: int) -> None:
-        nonlocal end
-        begin = -(-end // size) * size
-        names.append(path)
-        formats.append(kind)
-        offsets.append(_ENCAPSULATION + begin)
-        end = begin + kind.itemsize
-
+    columns: list[Any] = []
     for field in fields:
         if field.number is None:
-            add(LENGTH, np.dtype(f'{order}u4'), 4)
-            add(field.path, np.dtype(f'S{string_length}'), 1)
+            columns += [(LENGTH, f'{order}u4'), (field.path, f'S{string_length}')]
         else:
             number = np.dtype(field.number).newbyteorder(order)
-            several = np.dtype((number, (field.count,))) if field.count > 1 else number
-            add(field.path, several, number.itemsize)
-    places: Any = {'names': names, 'formats': formats, 'offsets': offsets}
-    kind: np.dtype[Any] = np.dtype(places | {'itemsize': _ENCAPSULATION + end})
+            columns.append((field.path, number, *([field.count] if field.count > 1 else [])))
+    # Without the gap that NumPy leaves behind the last field.
+    body: Any = np.dtype(columns, align=True)
+    offsets = [_ENCAPSULATION + body.fields[name][1] for name in body.names]
+    kinds = [body[name] for name in body.names]
+    places: Any = {
+        'names': [ENCODING, *body.names],
+        'formats': ['>u2', *kinds],
+        'offsets': [0, *offsets],
+        'itemsize': offsets[-1] + kinds[-1].itemsize,
+    }
+    kind: np.dtype[Any] = np.dtype(places)
     return kind

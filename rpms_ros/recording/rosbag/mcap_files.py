@@ -47,7 +47,6 @@ MAGIC = b'\x89MCAP0\r\n'
 RECORD_HEAD = 9
 """Kind and length before the content of a record [bytes]."""
 _FOOTER_SIZE = 20
-_BLOCK = 1 << 20
 # Channel, sequence, time of logging and of publishing, before the data of a message.
 _MESSAGE_HEAD = 22
 # Of a chunk, before the name of its compression.
@@ -173,7 +172,7 @@ class McapFile:
             yield from self._chunk(int(frame.start[chunk]), int(frame.end[chunk]))
             after = chunk + 1
         yield from self._messages(self._data, frame.part(after, len(frame.kind)))
-        footer = frame.part(len(frame.kind) - 1, len(frame.kind)).of_kind(Opcode.FOOTER)
+        footer = frame.of_kind(Opcode.FOOTER)
         whole = footer and footer[0][1] - footer[0][0] == _FOOTER_SIZE
         if whole and self._data[stop : stop + 9].tobytes() == MAGIC:
             self._check_end(frame, footer[0][0], chunked=bool(chunks))
@@ -225,13 +224,12 @@ class McapFile:
 
     def _messages(self, data: ByteArray, frame: Frame) -> Iterator[Batch]:
         """Yield the messages of a frame, after a look at its schemas and channels."""
-        adders = {Opcode.SCHEMA: self._add_schema, Opcode.CHANNEL: self._add_channel}
-        for opcode, add in adders.items():
+        for opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
             for start, end in frame.of_kind(opcode):
                 try:
                     if end - start > _LONGEST:
                         raise McapError
-                    add(data[start:end])
+                    self._add(opcode, data[start:end])
                 except _FAULTS:
                     found = f'{self._path.name}: a schema or channel of {end - start} bytes'
                     self._findings.add('damaged_record', f'{found} left out')
@@ -243,23 +241,20 @@ class McapFile:
             records = Records(data, start + _MESSAGE_HEAD, frame.end[chosen], time_ns)
             yield gather(data, start, '<u2').astype(np.int64), records
 
-    def _add_schema(self, content: ByteArray) -> None:
-        schema = _parsed(mcap.Schema, content)
-        found = schema.name, bytes(schema.data).decode('utf-8', 'replace'), schema.encoding
-        if self._schemas.get(schema.id) != found:
+    def _add(self, opcode: Opcode, content: ByteArray) -> None:
+        """Take a schema or a channel."""
+        known: dict[int, Any] = self.channels
+        found: Any
+        if opcode == Opcode.SCHEMA:
+            one, known = _parsed(mcap.Schema, content), self._schemas
+            found = one.name, bytes(one.data).decode('utf-8', 'replace'), one.encoding
+        else:
+            one = _parsed(mcap.Channel, content)
+            schema = self._schemas.get(one.schema_id, ('', '', ''))
+            found = Channel(one.topic, *schema, one.message_encoding)
+        if known.get(one.id) != found:
             self._budget.hold(_OBJECT + len(content))
-            self._schemas[schema.id] = found
-
-    def _add_channel(self, content: ByteArray) -> None:
-        channel = _parsed(mcap.Channel, content)
-        found = Channel(
-            channel.topic,
-            *self._schemas.get(channel.schema_id, ('', '', '')),
-            channel.message_encoding,
-        )
-        if self.channels.get(channel.id) != found:
-            self._budget.hold(_OBJECT + len(content))
-            self.channels[channel.id] = found
+            known[one.id] = found
 
     def _check_end(self, frame: Frame, start: int, chunked: bool) -> None:
         """Compare what was read with the checksums and the count at the end of the file."""
@@ -285,8 +280,6 @@ class McapFile:
         """Tell whether the checksum of everything before the index fits, if there is one."""
         for begin, end in frame.of_kind(Opcode.DATA_END)[-1:]:
             stated = int.from_bytes(self._data[begin:end].tobytes(), 'little')
-            value, stop = 0, begin - RECORD_HEAD
-            for place in range(0, stop, _BLOCK):
-                value = crc32(self._data[place : min(place + _BLOCK, stop)].data, value)
+            value = crc32(self._data[: begin - RECORD_HEAD].data)
             return stated in (0, value) or end - begin != 4
         return True

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from rosbags.serde import SerdeError
 
-from rpms_ros.axis import FORCE, UNITS, Axis, along, unit_vector
+from rpms_ros.axis import FORCE, UNITS, along, unit_vector
 from rpms_ros.errors import RecordingError
 from rpms_ros.printable import counted, printable
 from rpms_ros.pulses import (
@@ -28,7 +28,7 @@ from rpms_ros.pulses import (
 )
 from rpms_ros.recording.rosbag.definitions import types_of
 from rpms_ros.recording.rosbag.metadata import SUMS_NAME
-from rpms_ros.recording.rosbag.records import Budget, Channel, Findings, Records
+from rpms_ros.recording.rosbag.records import Channel, Records
 from rpms_ros.recording.rosbag.scan import Progress, Scan, TopicFacts
 from rpms_ros.recording.rosbag.topic_reading import (
     PULSE_TYPES,
@@ -88,50 +88,28 @@ def decoded(channel: Channel, records: Records) -> Iterator[Any]:
             yield None
 
 
-class ScheduleReading:
-    """Collects the schedules while a recording is read.
-
-    Parameters
-    ----------
-    findings : Findings
-        Where faults are noted.
-    budget : Budget
-        What reading may take.
-    """
-
-    def __init__(self, findings: Findings, budget: Budget) -> None:
-        self._findings = findings
-        self._budget = budget
-        self._found: list[RecordedSchedule] = []
-
-    @property
-    def schedules(self) -> tuple[RecordedSchedule, ...]:
-        """What was found, in the order of the recording."""
-        return tuple(self._found)
-
-    def take(self, channel: Channel, records: Records) -> None:
-        """Keep the schedules among these messages."""
-        if channel.type_name != ACCEPTED_SCHEDULE:
-            return
-        for message in decoded(channel, records):
-            try:
-                self._keep(channel.topic, message)
-            except (AttributeError, TypeError, ValueError):
-                reason = f'{channel.topic}: expected a schedule that can be decoded, got another'
-                self._findings.add('undecodable_message', reason)
-
-    def _keep(self, topic: str, message: Any) -> None:
-        found = _schedule_of(message)
-        if found.sha256 != str(message.sha256):
-            self._findings.add(
-                'altered_schedule',
-                f'{topic}: the text of {found.name} is not the one whose hash was recorded',
-            )
-        if len(self._found) < _MOST:
-            self._budget.keep(1)
-            self._found.append(found)
+def _add_schedules(
+    schedules: list[RecordedSchedule], channel: Channel, records: Records, scan: Scan
+) -> None:
+    """Add the schedules among these messages, and note what is wrong with them."""
+    if channel.type_name != ACCEPTED_SCHEDULE:
+        return
+    topic = channel.topic
+    for message in decoded(channel, records):
+        try:
+            found, stated = _schedule_of(message), str(message.sha256)
+        except (AttributeError, TypeError, ValueError):
+            reason = f'{topic}: expected a schedule that can be decoded, got another'
+            scan.findings.add('undecodable_message', reason)
+            continue
+        if found.sha256 != stated:
+            reason = f'{topic}: the text of {found.name} is not the one whose hash was recorded'
+            scan.findings.add('altered_schedule', reason)
+        if len(schedules) < _MOST:
+            scan.budget.keep(1)
+            schedules.append(found)
         else:
-            self._findings.add('too_many_schedules', f'{topic}: more than {_MOST} schedules')
+            scan.findings.add('too_many_schedules', f'{topic}: more than {_MOST} schedules')
 
 
 def _schedule_of(message: Any) -> RecordedSchedule:
@@ -147,7 +125,6 @@ def _schedule_of(message: Any) -> RecordedSchedule:
     )
 
 
-DEFAULT_FRAME = 'force_sensor'
 DAMAGE = {
     'damaged_chunk',
     'damaged_record',
@@ -271,10 +248,10 @@ def read_facts(
         If it cannot be read.
     """
     scan = Scan(Path(path), memory)
-    schedules = ScheduleReading(scan.findings, scan.budget)
+    schedules: list[RecordedSchedule] = []
     for channel, records in scan.blocks(progress):
-        schedules.take(channel, records)
-    return _facts(scan, schedules)
+        _add_schedules(schedules, channel, records, scan)
+    return _facts(scan, schedules, {})
 
 
 def read_recording(
@@ -318,71 +295,56 @@ def read_recording(
     if quantity not in SENSOR_TYPES:
         raise RecordingError(f'expected a quantity of {", ".join(SENSOR_TYPES)}, got {quantity}')
     types = SENSOR_TYPES[quantity]
+    across = tuple(f'{quantity}.{"xyz"[i]}' for i, share in enumerate(direction) if not share)
+    needed = {
+        kind: tuple(path for path in paths if not path.endswith(across))
+        for kind, paths in types.items()
+    }
     scan = Scan(Path(path), memory)
-    pulses = TopicReading(topics.pulses, PULSE_TYPES)
-    force = TopicReading(
-        topics.force, {kind: fields.along(direction) for kind, fields in types.items()}
-    )
-    schedules = ScheduleReading(scan.findings, scan.budget)
+    readings = TopicReading(topics.pulses, PULSE_TYPES), TopicReading(topics.force, needed)
+    schedules: list[RecordedSchedule] = []
     for channel, records in scan.blocks(progress):
-        schedules.take(channel, records)
-        scan.budget.keep(pulses.take(channel, records) + force.take(channel, records))
+        _add_schedules(schedules, channel, records, scan)
+        scan.budget.keep(sum(reading.take(channel, records) for reading in readings))
     if not any(facts.count for facts in scan.topics.values()):
         raise RecordingError(f'expected messages in {path}, got none')
-    pulse_values, force_values = pulses.values(scan), force.values(scan)
+    pulses, force = (reading.values(scan) for reading in readings)
+    number = pulses.number
+    sequence = number['sequence'].astype(np.int64)
+    # Components across the axis were not read.
+    components = [
+        np.asarray(force.number.get(path, ()), np.float64) for path in types[force.type_name]
+    ]
+    newton = along(direction, components) if len(components) == 3 else components[0]
     return Recording(
-        _pulse_train(pulse_values),
-        _force_trace(force_values, direction, sign, types[force_values.type_name].values),
-        pulse_values.received_ns,
-        force_values.received_ns,
-        samples_before(pulse_values, force_values),
-        _facts(
-            scan,
-            schedules,
-            {'pulses': pulse_values.frame_ids, 'force': force_values.frame_ids},
-        ),
+        PulseTrain(pulses.stamp_ns(), number['intensity'], sequence, number['width']),
+        ForceTrace(force.stamp_ns(), sign * newton, *force.frame_ids[:1]),
+        pulses.received_ns,
+        force.received_ns,
+        samples_before(pulses, force),
+        _facts(scan, schedules, {'pulses': pulses.frame_ids, 'force': force.frame_ids}),
         quantity,
     )
 
 
 def _facts(
     scan: Scan,
-    schedules: ScheduleReading,
-    frame_ids: Mapping[str, tuple[str, ...]] | None = None,
+    schedules: Sequence[RecordedSchedule],
+    frame_ids: Mapping[str, tuple[str, ...]],
 ) -> RecordingFacts:
     folder = scan.path if scan.path.is_dir() else scan.path.parent
     return RecordingFacts(
         scan.path,
         scan.storage,
         tuple(scan.topics[key] for key in sorted(scan.topics)),
-        frame_ids or {},
+        frame_ids,
         scan.custom,
         dict(scan.findings.counts),
         tuple(scan.findings.remarks),
         tuple(path.name for path in scan.paths),
-        schedules.schedules,
+        tuple(schedules),
         (folder / SUMS_NAME).exists(),
     )
-
-
-def _pulse_train(values: TopicValues) -> PulseTrain:
-    return PulseTrain(
-        values.stamp_ns(),
-        values.number['intensity'],
-        values.number['sequence'].astype(np.int64),
-        values.number['width'],
-    )
-
-
-def _force_trace(
-    values: TopicValues, direction: Axis, sign: int, fields: tuple[str, ...]
-) -> ForceTrace:
-    # Components across the axis were not read.
-    nothing = np.empty(0)
-    components = [np.asarray(values.number.get(path, nothing), np.float64) for path in fields]
-    force = sign * (along(direction, components) if len(components) == 3 else components[0])
-    frame_id = values.frame_ids[0] if values.frame_ids else DEFAULT_FRAME
-    return ForceTrace(values.stamp_ns(), force, frame_id)
 
 
 _NAME = b'rpms_ros session 1'
@@ -402,17 +364,12 @@ def session_hash(recording: Recording) -> str:
         The session, as it was read: along one axis, with one sign.
     """
     pulses, forces = recording.pulses, recording.forces
-    columns: tuple[tuple[npt.NDArray[np.generic], str], ...] = (
-        (pulses.onset_ns, '<i8'),
-        (pulses.intensity, '<f8'),
-        (pulses.sequence, '<i8'),
-        (pulses.width, '<f8'),
-        (forces.stamp_ns, '<i8'),
-        (forces.force, '<f8'),
-        (recording.samples_before_pulse, '<i8'),
+    columns: tuple[npt.NDArray[np.generic], ...] = (
+        *(pulses.onset_ns, pulses.intensity, pulses.sequence, pulses.width),
+        *(forces.stamp_ns, forces.force, recording.samples_before_pulse),
     )
     digest = hashlib.sha256(_NAME)
-    for column, kind in columns:
+    for column in columns:
         digest.update(len(column).to_bytes(8, 'little'))
-        digest.update(np.ascontiguousarray(column, kind).tobytes())
+        digest.update(np.asarray(column, column.dtype.newbyteorder('<')).tobytes())
     return digest.hexdigest()

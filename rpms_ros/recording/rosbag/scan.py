@@ -5,6 +5,7 @@
 A recording is a folder with metadata.yaml, one without, or a file by itself.
 """
 
+import itertools
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -219,9 +220,13 @@ def _found(path: Path, findings: Findings) -> tuple[list[Path], dict[str, Any]]:
     paths = [path] if _is_storage(path) else []
     if path.is_dir():
         metadata = read_metadata(path / METADATA, findings)
-        paths = _listed(path, metadata, findings)
+        listed = [path / Path(name).name for name in metadata.get('relative_file_paths', [])]
+        for one in itertools.filterfalse(_is_storage, listed):
+            findings.add('missing_file', f'{one.name} is named in {METADATA} but not there')
         # Part 2 before part 10.
-        paths = paths or sorted(filter(_is_storage, path.iterdir()), key=_natural_order)
+        paths = [*filter(_is_storage, listed)] or sorted(
+            filter(_is_storage, path.iterdir()), key=_natural_order
+        )
     elif paths:
         # Of the metadata beside a file only the notes, and only if they are its own.
         beside = read_metadata(path.with_name(METADATA), Findings())
@@ -234,15 +239,6 @@ def _found(path: Path, findings: Findings) -> tuple[list[Path], dict[str, Any]]:
             other = '; `rpms import` makes a recording of a table or of a file of other software'
         raise RecordingError(f'expected .mcap or .db3 files at {path}, got none{other}')
     return paths, metadata
-
-
-def _listed(folder: Path, metadata: dict[str, Any], findings: Findings) -> list[Path]:
-    """Return the files that the metadata name and that exist."""
-    paths = [folder / Path(name).name for name in metadata.get('relative_file_paths', [])]
-    for path in paths:
-        if not _is_storage(path):
-            findings.add('missing_file', f'{path.name} is named in {METADATA} but not there')
-    return [path for path in paths if _is_storage(path)]
 
 
 def _natural_order(path: Path) -> list[tuple[int, str]]:

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from rosbags.serde import SerdeError
 
-from rpms_ros.axis import UNITS, Axis
+from rpms_ros.axis import UNITS
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, IntArray
 from rpms_ros.recording.rosbag.definitions import (
@@ -165,46 +165,18 @@ def _distinct(values: npt.NDArray[np.bytes_]) -> set[str]:
 
 SECOND, NANOSECOND = 'header.stamp.sec', 'header.stamp.nanosec'
 FRAME_ID = 'header.frame_id'
-
-
-@dataclass(frozen=True)
-class Fields:
-    """What is read out of a message type.
-
-    Attributes
-    ----------
-    values : tuple of str
-        Paths of numbers.
-    stamped : bool
-        Whether it has a header; else the time of reception counts.
-    """
-
-    values: tuple[str, ...]
-    stamped: bool
-
-    @property
-    def wanted(self) -> tuple[str, ...]:
-        """Paths of all numbers, those of the stamp included."""
-        return (*self.values, SECOND, NANOSECOND) if self.stamped else self.values
-
-    def along(self, direction: Axis) -> 'Fields':
-        """Return the fields without the components (of three) across a direction."""
-        if len(self.values) != len(direction):
-            return self
-        kept = tuple(path for path, share in zip(self.values, direction, strict=True) if share)
-        return Fields(kept, self.stamped)
-
-
-PULSE_TYPES = {PULSE: Fields(('sequence', 'intensity', 'width'), stamped=True)}
+# With a header; of others the time of reception counts.
+_STAMPED = PULSE, WRENCH_STAMPED
+PULSE_TYPES = {PULSE: ('sequence', 'intensity', 'width')}
 SENSOR_TYPES = {
     quantity: {
-        WRENCH_STAMPED: Fields(tuple(f'wrench.{quantity}.{name}' for name in 'xyz'), stamped=True),
-        WRENCH: Fields(tuple(f'{quantity}.{name}' for name in 'xyz'), stamped=False),
-        FLOAT64: Fields(('data',), stamped=False),
+        WRENCH_STAMPED: tuple(f'wrench.{quantity}.{name}' for name in 'xyz'),
+        WRENCH: tuple(f'{quantity}.{name}' for name in 'xyz'),
+        FLOAT64: ('data',),
     }
     for quantity in UNITS
 }
-"""What is read out of the messages of a sensor, by what it measures."""
+"""Paths of what is read out of the messages of a sensor, by what it measures."""
 
 
 @dataclass(frozen=True)
@@ -244,9 +216,8 @@ class TopicValues:
 class _Candidate:
     """Messages of a topic and type that may be the wanted one."""
 
-    columns: list[Columns] = field(default_factory=list)
-    place: list[IntArray] = field(default_factory=list)
-    received_ns: list[IntArray] = field(default_factory=list)
+    blocks: list[tuple[Columns, IntArray, Any]] = field(default_factory=list)
+    """Columns with times of reception [ns] and places."""
     decoders: dict[Channel, Decoder] = field(default_factory=dict)
     problem: RecordingError | None = None
 
@@ -258,11 +229,11 @@ class TopicReading:
     ----------
     name : str
         Name of the topic; without a leading slash it fits below a namespace too.
-    types : mapping of str to Fields
-        Types that can be used.
+    types : mapping of str to tuple of str
+        Types that can be used, and paths of the numbers that are read out of each.
     """
 
-    def __init__(self, name: str, types: Mapping[str, Fields]) -> None:
+    def __init__(self, name: str, types: Mapping[str, tuple[str, ...]]) -> None:
         self._name = name
         self._types = types
         self._candidates: dict[tuple[str, str], _Candidate] = {}
@@ -273,18 +244,17 @@ class TopicReading:
             return 0
         key = channel.topic, channel.type_name
         candidate = self._candidates.setdefault(key, _Candidate())
-        fields = self._types[channel.type_name]
+        wanted, string = self._types[channel.type_name], None
+        if channel.type_name in _STAMPED:
+            wanted, string = (*wanted, SECOND, NANOSECOND), FRAME_ID
         try:
             if channel not in candidate.decoders:
-                string = FRAME_ID if fields.stamped else None
-                candidate.decoders[channel] = Decoder(channel, fields.wanted, string)
+                candidate.decoders[channel] = Decoder(channel, wanted, string)
         except RecordingError as problem:
             candidate.problem = problem
             return 0
-        candidate.columns.append(candidate.decoders[channel].decode(records))
-        candidate.received_ns.append(records.time_ns)
-        assert records.place is not None, 'a scan counts the places'
-        candidate.place.append(records.place)
+        columns = candidate.decoders[channel].decode(records)
+        candidate.blocks.append((columns, records.time_ns, records.place))
         return len(records)
 
     def values(self, scan: Scan) -> TopicValues:
@@ -300,7 +270,7 @@ class TopicReading:
         candidate = self._candidates[topic, chosen]
         if candidate.problem:
             raise candidate.problem
-        return _joined(topic, chosen, self._types[chosen], candidate, scan)
+        return _joined(topic, chosen, candidate, scan)
 
     def _fits(self, topic: str) -> bool:
         if self._name.startswith('/'):
@@ -342,23 +312,21 @@ class TopicReading:
         return chosen
 
 
-def _joined(
-    topic: str, type_name: str, fields: Fields, candidate: _Candidate, scan: Scan
-) -> TopicValues:
+def _joined(topic: str, type_name: str, candidate: _Candidate, scan: Scan) -> TopicValues:
     """Return all blocks as one, in the order of the recording; note what was left out."""
-    received_ns = np.concatenate(candidate.received_ns)
-    good = np.concatenate([columns.good for columns in candidate.columns])
+    columns, times, places = zip(*candidate.blocks, strict=True)
+    received_ns, place = np.concatenate(times), np.concatenate(places)
+    good = np.concatenate([block.good for block in columns])
     if bad := int(np.count_nonzero(~good)):
         scan.findings.add('undecodable_message', f'{bad} messages on {topic} left out', bad)
     if any(decoder.differs for decoder in candidate.decoders.values()):
         scan.findings.add(
             'other_definition', f'{topic}: {type_name} is defined in another way than here'
         )
-    frame_ids = sorted(set().union(*(columns.strings for columns in candidate.columns)))
+    frame_ids = sorted(set().union(*(block.strings for block in columns)))
     if len(frame_ids) > 1:
         names = ', '.join(map(repr, frame_ids))
         scan.findings.add('mixed_frame_ids', f'{topic} has frame ids {names}', len(frame_ids) - 1)
-    place = np.concatenate(candidate.place)
     order = slice(None) if good.all() else np.flatnonzero(good)
     if (np.diff(place) < 0).any():
         # Channels of one topic were read one after the other.
@@ -366,7 +334,7 @@ def _joined(
         order = sorted_places[good[sorted_places]]
     number = {
         # Taken out of the blocks: what is joined need not be there twice.
-        path: np.concatenate([columns.number.pop(path) for columns in candidate.columns])[order]
-        for path in fields.wanted
+        path: np.concatenate([block.number.pop(path) for block in columns])[order]
+        for path in list(columns[0].number)
     }
     return TopicValues(type_name, number, received_ns[order], place[order], tuple(frame_ids))

@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, NoReturn, cast
+from typing import IO, Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -41,11 +41,7 @@ _LARGEST_SECOND = 2**31 - 1
 
 def encode_pulses(pulses: PulseTrain, frame_id: str) -> Records:
     """Return one rpms_msgs/Pulse a pulse, received at its onset."""
-    values = {
-        'sequence': pulses.sequence,
-        'intensity': pulses.intensity,
-        'width': pulses.width,
-    }
+    values = {name: getattr(pulses, name) for name in ('sequence', 'intensity', 'width')}
     return _encode(PULSE, pulses.onset_ns, frame_id, values)
 
 
@@ -77,27 +73,21 @@ def _encode(
     values: Mapping[str, npt.NDArray[Any]],
 ) -> Records:
     """Return records of a message with a header; fields that are not given are zero."""
-    fields = fields_of(known_types(), type_name)
-    text = frame_id.encode()
-    rows = np.zeros(len(stamp_ns), record_type(fields, '<', len(text) + 1))
-    second, nanosecond = _split(stamp_ns)
-    own = {ENCODING: 1, LENGTH: len(text) + 1, 'header.frame_id': text}
-    stamp = {'header.stamp.sec': second, 'header.stamp.nanosec': nanosecond}
-    for path, value in {**own, **stamp, **values}.items():
-        rows[path] = value
-    end = np.arange(1, len(rows) + 1, dtype=np.int64) * rows.itemsize
-    return Records(np.frombuffer(rows, np.uint8), end - rows.itemsize, end, stamp_ns)
-
-
-def _split(stamp_ns: IntArray) -> tuple[IntArray, IntArray]:
-    """Return seconds and nanoseconds, each (messages,), as builtin_interfaces/Time has them."""
     second, nanosecond = np.divmod(stamp_ns, NANOSECONDS_PER_SECOND)
     if len(second) and not (second.min() >= 0 and second.max() <= _LARGEST_SECOND):
         raise RecordingError(
             f'expected stamps from 0 to {_LARGEST_SECOND} s, '
             f'got {second.min()} to {second.max()} s'
         )
-    return second, nanosecond
+    text = frame_id.encode()
+    fields = fields_of(known_types(), type_name)
+    rows = np.zeros(len(stamp_ns), record_type(fields, '<', len(text) + 1))
+    own = {ENCODING: 1, LENGTH: len(text) + 1, 'header.frame_id': text}
+    stamp = {'header.stamp.sec': second, 'header.stamp.nanosec': nanosecond}
+    for path, value in {**own, **stamp, **values}.items():
+        rows[path] = value
+    end = np.arange(1, len(rows) + 1, dtype=np.int64) * rows.itemsize
+    return Records(np.frombuffer(rows, np.uint8), end - rows.itemsize, end, stamp_ns)
 
 
 _COMPRESSIONS = {
@@ -132,30 +122,6 @@ class FurtherTopic:
     messages: Sequence[bytes]
 
 
-@dataclass
-class _Topic:
-    """A topic that is written: type, hash of the type, quality of service, messages so far."""
-
-    name: str
-    type_name: str
-    digest: str
-    qos: Sequence[Any]
-    count: int = 0
-
-    def described(self) -> dict[str, Any]:
-        """Return the entry of metadata.yaml."""
-        return {
-            'topic_metadata': {
-                'name': self.name,
-                'type': self.type_name,
-                'serialization_format': 'cdr',
-                'offered_qos_profiles': self.qos,
-                'type_description_hash': self.digest,
-            },
-            'message_count': self.count,
-        }
-
-
 class RecordingWriter:
     """A recording that is being written: a folder with an mcap file and metadata.yaml.
 
@@ -187,9 +153,9 @@ class RecordingWriter:
         self.path = Path(path)
         self.custom = dict(custom or {})
         self._schemas: dict[str, int] = {}
-        self._topics: dict[int, _Topic] = {}
+        # Entries of metadata.yaml.
+        self._topics: dict[int, dict[str, Any]] = {}
         self._span_ns: tuple[int, int] | None = None
-        self._closed = False
         if compression not in _COMPRESSIONS:
             raise RecordingError(f'expected compression lz4 or zstd, got {compression!r}')
         if os.path.lexists(self.path):
@@ -206,7 +172,7 @@ class RecordingWriter:
             )
             self._writer.start('ros2', 'rpms_ros')
         except OSError as error:
-            raise self._error(error) from error
+            raise _refused(self.path, error) from error
 
     def add_topic(self, name: str, type_name: str, qos: Sequence[Qos] = ()) -> int:
         """Return the number of a new topic, for `append`.
@@ -222,14 +188,18 @@ class RecordingWriter:
         profiles = dump_qos_v9(list(qos))
         offered = _as_yaml(profiles) if qos else ''
         notes = {'offered_qos_profiles': offered, 'topic_type_hash': digest}
-        try:
-            if type_name not in self._schemas:
-                schema = self._writer.register_schema(type_name, 'ros2msg', text.encode())
-                self._schemas[type_name] = schema
-            number = self._writer.register_channel(name, 'cdr', self._schemas[type_name], notes)
-        except OSError as error:
-            self._refuse(error)
-        self._topics[number] = _Topic(name, type_name, digest, profiles)
+        if type_name not in self._schemas:
+            schema = self._writer.register_schema(type_name, 'ros2msg', text.encode())
+            self._schemas[type_name] = schema
+        number = self._writer.register_channel(name, 'cdr', self._schemas[type_name], notes)
+        described = {
+            'name': name,
+            'type': type_name,
+            'serialization_format': 'cdr',
+            'offered_qos_profiles': profiles,
+            'type_description_hash': digest,
+        }
+        self._topics[number] = {'topic_metadata': described, 'message_count': 0}
         return number
 
     def append(self, topic: int, time_ns: int, message: bytes | memoryview) -> None:
@@ -240,46 +210,36 @@ class RecordingWriter:
         RecordingError
             If the device refuses what has come so far, for instance because it is full.
         """
-        if self._closed:
+        if self._file.closed:
             raise RecordingError(f'expected an open recording, got {self.path} that is closed')
-        count = self._topics[topic].count
+        count = self._topics[topic]['message_count']
         data = cast(bytes, message)
-        try:
-            self._writer.add_message(topic, time_ns, data, time_ns, count % 2**32)
-        except OSError as error:
-            self._refuse(error)
-        self._topics[topic].count = count + 1
+        self._writer.add_message(topic, time_ns, data, time_ns, count % 2**32)
+        self._topics[topic]['message_count'] = count + 1
         first, last = self._span_ns or (time_ns, time_ns)
         self._span_ns = min(first, time_ns), max(last, time_ns)
 
     def flush(self) -> None:
         """Write the messages that were appended."""
-        if self._closed:
-            return
-        try:
+        if not self._file.closed:
             self._writer.flush()
-        except OSError as error:
-            self._refuse(error)
 
     def close(self) -> None:
         """Write what is left, the index, metadata.yaml and the checksums."""
-        if self._closed:
+        if self._file.closed:
             return
-        self._closed = True
         content = self._metadata()
         try:
             try:
                 self._writer.flush()
-                notes = {'serialized_metadata': _as_yaml(content)}
-                self._writer.add_metadata('rosbag2', notes)
+                self._writer.add_metadata('rosbag2', {'serialized_metadata': _as_yaml(content)})
                 self._writer.finish()
             finally:
                 self._file.close()
-            text = _as_yaml({KEY: content})
-            (self.path / NAME).write_text(text, 'utf-8')
+            (self.path / NAME).write_text(_as_yaml({KEY: content}), 'utf-8')
             write_checksums(self.path, (self._name, NAME))
         except OSError as error:
-            raise self._error(error) from error
+            raise _refused(self.path, error) from error
 
     def _metadata(self) -> dict[str, Any]:
         """Return the metadata of version 9 of rosbag2."""
@@ -287,29 +247,20 @@ class RecordingWriter:
         span = {
             'starting_time': {'nanoseconds_since_epoch': first},
             'duration': {'nanoseconds': last - first},
-            'message_count': sum(topic.count for topic in self._topics.values()),
+            'message_count': sum(one['message_count'] for one in self._topics.values()),
         }
         return {
             'version': 9,
             'storage_identifier': 'mcap',
             'relative_file_paths': [self._name],
             **span,
-            'topics_with_message_count': [one.described() for one in self._topics.values()],
+            'topics_with_message_count': list(self._topics.values()),
             'compression_format': '',
             'compression_mode': '',
             'files': [{'path': self._name, **span}],
             'custom_data': dict(self.custom) or None,
             'ros_distro': 'jazzy',
         }
-
-    def _refuse(self, error: Exception) -> NoReturn:
-        """Close the file as it is, without its end: readers see that something is missing."""
-        self._closed = True
-        self._file.close()
-        raise self._error(error) from error
-
-    def _error(self, error: Exception) -> RecordingError:
-        return RecordingError(f'expected room and permission to write {self.path}, got {error}')
 
     def __enter__(self) -> 'RecordingWriter':
         return self
@@ -341,38 +292,36 @@ class _Dumper(yaml.SafeDumper):
 
 
 class _WholeWrites:
-    """A file that takes each write as a whole or, if the device refuses it, not at all.
+    """A file that takes each write as a whole; if the device refuses one, not at all, and no more.
 
     Unbuffered: what was written is with the operating system, and survives a killed process.
     """
 
     def __init__(self, path: Path) -> None:
+        self._path = path
         self._file = path.open('xb', buffering=0)
+        self.tell, self.flush, self.close = self._file.tell, self._file.flush, self._file.close
+
+    @property
+    def closed(self) -> bool:
+        return self._file.closed
 
     def write(self, content: bytes) -> int:
-        """Write all of it or, if the device refuses, nothing."""
         begin = self._file.tell()
         view = memoryview(content)
         try:
             while view:
                 view = view[self._file.write(view) :]
-        except OSError:
+        except OSError as error:
             with suppress(OSError):
                 os.ftruncate(self._file.fileno(), begin)
-                self._file.seek(begin)
-            raise
+            self._file.close()
+            raise _refused(self._path.parent, error) from error
         return len(content)
 
-    def tell(self) -> int:
-        """Return how many bytes were written."""
-        return self._file.tell()
 
-    def flush(self) -> None:
-        """Do nothing: nothing is buffered."""
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
+def _refused(path: Path, error: OSError) -> RecordingError:
+    return RecordingError(f'expected room and permission to write {path}, got {error}')
 
 
 def _merged(topics: Mapping[int, Records]) -> Batch:
@@ -457,11 +406,7 @@ def write_recording(
         numbers, records = _merged(topics)
         # Not a copy of each message but a view: a thousand of them are a small part of the work.
         view = records.buffer.data
-        for topic, time_ns, start, end in zip(
-            numbers.tolist(),
-            records.time_ns.tolist(),
-            records.start.tolist(),
-            records.end.tolist(),
-            strict=True,
-        ):
+        columns = (numbers, records.time_ns, records.start, records.end)
+        rows = zip(*(column.tolist() for column in columns), strict=True)
+        for topic, time_ns, start, end in rows:
             writer.append(topic, time_ns, view[start:end])
