@@ -16,13 +16,7 @@ from typing import Any, Union, get_args, get_origin, get_type_hints
 import numpy as np
 
 _INTERNAL, _DOC = 'internal', 'doc'
-_JSON_TYPES = {
-    bool: 'boolean',
-    int: 'integer',
-    float: 'number',
-    str: 'string',
-    type(None): 'null',
-}
+_JSON_TYPES = {bool: 'boolean', int: 'integer', float: 'number', str: 'string', type(None): 'null'}
 
 
 def documented(doc: str, **options: Any) -> Any:

@@ -15,12 +15,7 @@ from rpms_ros.errors import RecordingError
 from rpms_ros.identification import DEFAULT_RATE
 from rpms_ros.pulses import ForceTrace, PulseTrain, stamps
 from rpms_ros.recording import Recording, RecordingFacts, Topics, read_recording
-from rpms_ros.recording.importing import (
-    Imported,
-    ImportOptions,
-    import_file,
-    is_foreign,
-)
+from rpms_ros.recording.importing import Imported, ImportOptions, import_file, is_foreign
 from rpms_ros.report.recorded import true_muscle
 
 # Beyond that nanoseconds do not fit into 64 bits.

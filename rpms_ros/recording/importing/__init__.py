@@ -5,10 +5,4 @@
 from rpms_ros.recording.importing.signals import Ambiguous, ImportOptions
 from rpms_ros.recording.importing.whole_file import Imported, import_file, is_foreign
 
-__all__ = [
-    'Ambiguous',
-    'ImportOptions',
-    'Imported',
-    'import_file',
-    'is_foreign',
-]
+__all__ = ['Ambiguous', 'ImportOptions', 'Imported', 'import_file', 'is_foreign']

@@ -13,11 +13,7 @@ from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import FloatArray
 from rpms_ros.recording.importing.signals import TIME_OF_DAY, Signal, SignalFile, unit_of
 
-_MARKS = {
-    b'\xef\xbb\xbf': 'utf-8-sig',
-    b'\xff\xfe': 'utf-16',
-    b'\xfe\xff': 'utf-16',
-}
+_MARKS = {b'\xef\xbb\xbf': 'utf-8-sig', b'\xff\xfe': 'utf-16', b'\xfe\xff': 'utf-16'}
 _SEPARATORS = {'\t': 'tab', ';': 'semicolon', '|': 'bar', ',': 'comma', ' ': 'spaces'}
 _CLOCK = re.compile(r'^(?:(\S+)[T ])?(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d+)?)\s*Z?$')
 _UNITS = re.compile(

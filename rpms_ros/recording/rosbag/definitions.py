@@ -20,12 +20,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from rosbags.typesys import (
-    Stores,
-    TypesysError,
-    get_types_from_msg,
-    get_typestore,
-)
+from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
 from rpms_ros.errors import RecordingError
 

@@ -20,12 +20,7 @@ from rosbags.serde import SerdeError
 from rpms_ros.axis import FORCE, UNITS, along, unit_vector
 from rpms_ros.errors import RecordingError
 from rpms_ros.printable import counted, printable
-from rpms_ros.pulses import (
-    NANOSECONDS_PER_SECOND,
-    ForceTrace,
-    IntArray,
-    PulseTrain,
-)
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, ForceTrace, IntArray, PulseTrain
 from rpms_ros.recording.rosbag.definitions import types_of
 from rpms_ros.recording.rosbag.metadata import SUMS_NAME
 from rpms_ros.recording.rosbag.records import Channel, Records
@@ -328,9 +323,7 @@ def read_recording(
 
 
 def _facts(
-    scan: Scan,
-    schedules: Sequence[RecordedSchedule],
-    frame_ids: Mapping[str, tuple[str, ...]],
+    scan: Scan, schedules: Sequence[RecordedSchedule], frame_ids: Mapping[str, tuple[str, ...]]
 ) -> RecordingFacts:
     folder = scan.path if scan.path.is_dir() else scan.path.parent
     return RecordingFacts(

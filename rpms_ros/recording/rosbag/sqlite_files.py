@@ -169,12 +169,7 @@ def _channels(
         definitions = {name: (text, how) for name, text, how in _rows(connection, query, budget)}
     query = 'SELECT id, name, type, serialization_format FROM topics'
     return {
-        number: Channel(
-            topic,
-            kind,
-            *definitions.get(kind, ('', 'ros2msg')),
-            serialization,
-        )
+        number: Channel(topic, kind, *definitions.get(kind, ('', 'ros2msg')), serialization)
         for number, topic, kind, serialization in _rows(connection, query, budget)
     }
 

@@ -62,10 +62,7 @@ def _found(check: str, faults: Iterable[str], well: str) -> list[Finding]:
 
 
 def verify(
-    path: Path,
-    topics: Topics | None = None,
-    memory: int | None = None,
-    audit: Path | None = None,
+    path: Path, topics: Topics | None = None, memory: int | None = None, audit: Path | None = None
 ) -> list[Finding]:
     """Return what every check found, at least one finding a check.
 

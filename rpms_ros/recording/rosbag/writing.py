@@ -67,10 +67,7 @@ def encode_forces(forces: ForceTrace, axis: Axis, quantity: str = FORCE) -> Reco
 
 
 def _encode(
-    type_name: str,
-    stamp_ns: IntArray,
-    frame_id: str,
-    values: Mapping[str, npt.NDArray[Any]],
+    type_name: str, stamp_ns: IntArray, frame_id: str, values: Mapping[str, npt.NDArray[Any]]
 ) -> Records:
     """Return records of a message with a header; fields that are not given are zero."""
     second, nanosecond = np.divmod(stamp_ns, NANOSECONDS_PER_SECOND)
@@ -145,10 +142,7 @@ class RecordingWriter:
     """
 
     def __init__(
-        self,
-        path: Path | str,
-        compression: str = '',
-        custom: Mapping[str, str] | None = None,
+        self, path: Path | str, compression: str = '', custom: Mapping[str, str] | None = None
     ) -> None:
         self.path = Path(path)
         self.custom = dict(custom or {})
