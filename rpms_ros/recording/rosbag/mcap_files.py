@@ -12,7 +12,6 @@ index, so that a file whose writer was killed reads like any other.
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import IO, Any, cast
 
 import numba
@@ -28,11 +27,10 @@ from rpms_ros.pulses import IntArray
 from rpms_ros.recording.rosbag.records import (
     DECOMPRESSORS,
     Batch,
-    Budget,
     ByteArray,
     Channel,
-    Findings,
     Records,
+    StorageFile,
     gather,
     unpacked,
 )
@@ -124,46 +122,17 @@ def _parsed(kind: Any, content: ByteArray) -> Any:
     return kind.read(ReadDataStream(cast(IO[bytes], _Bytes(content))))
 
 
-class McapFile:
-    """An mcap file.
+class McapFile(StorageFile):
+    """An mcap file."""
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    findings : Findings
-        Where faults are noted.
-    budget : Budget
-        What reading may take.
-
-    Attributes
-    ----------
-    channels : dict of int to Channel
-        Channels that were met so far, by number.
-
-    Raises
-    ------
-    RecordingError
-        If the file is empty or no mcap file.
-    """
-
-    def __init__(self, path: Path, findings: Findings, budget: Budget) -> None:
-        self._path = path
-        self._findings = findings
-        self._budget = budget
-        self._schemas: dict[int, tuple[str, str, str]] = {}
-        self.channels: dict[int, Channel] = {}
-        self._count = 0
-        size = path.stat().st_size
-        with path.open('rb') as file:
-            magic = file.read(len(MAGIC))
-        if magic != MAGIC:
-            found = repr(magic) if magic else 'an empty file'
-            raise RecordingError(f'expected an mcap file at {path}, got {found}')
-        self._data: ByteArray = np.asarray(np.memmap(path, np.uint8, 'r', shape=(size,)))
+    kind, magic = 'an mcap', MAGIC
 
     def batches(self) -> Iterator[Batch]:
         """Yield the messages in the order of the file."""
+        self._schemas: dict[int, tuple[str, str, str]] = {}
+        self._count = 0
+        size = self._path.stat().st_size
+        self._data: ByteArray = np.asarray(np.memmap(self._path, np.uint8, 'r', shape=(size,)))
         frame, stop = walk(self._data, len(MAGIC))
         after = 0
         chunks = np.flatnonzero(frame.kind == Opcode.CHUNK).tolist()
@@ -185,7 +154,8 @@ class McapFile:
             yield from self._chunk(stop + RECORD_HEAD, len(self._data), cut_off=True)
 
     def _chunk(self, start: int, end: int, cut_off: bool = False) -> Iterator[Batch]:
-        self._budget.load(end - start, 'a chunk')
+        if end - start > self._budget.memory:
+            raise self._budget.exceeded(f'a chunk of {end - start} bytes')
         # Read, not mapped: a mapped page costs more than its copy, and stays in memory.
         record = np.fromfile(self._path, np.uint8, end - start, offset=start)
         try:

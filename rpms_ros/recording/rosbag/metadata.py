@@ -55,7 +55,10 @@ def read_metadata(path: Path, findings: Findings) -> dict[str, Any]:
         findings.add('missing_metadata', f'{path.name} is missing: read without it')
         return {}
     try:
-        metadata = _checked(loaded(regular_text(path))[KEY])
+        # Neither a pipe nor larger than any description.
+        if not path.is_file() or path.stat().st_size > _LARGEST:
+            raise RecordingError(f'expected a regular file of {_LARGEST} bytes at most')
+        metadata = _checked(_loaded(path.read_text('utf-8'))[KEY])
     except _FAULTS as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0]
         findings.add('damaged_metadata', f'{path.name} left aside: {reason}')
@@ -74,22 +77,7 @@ def read_metadata(path: Path, findings: Findings) -> dict[str, Any]:
     return metadata
 
 
-def regular_text(path: Path) -> str:
-    """Return the text of a file that is neither a pipe nor larger than any description.
-
-    Raises
-    ------
-    RecordingError
-        If it is one of these.
-    OSError, ValueError
-        If it cannot be read.
-    """
-    if not path.is_file() or path.stat().st_size > _LARGEST:
-        raise RecordingError(f'expected a regular file of {_LARGEST} bytes at most')
-    return path.read_text('utf-8')
-
-
-def loaded(text: str) -> Any:
+def _loaded(text: str) -> Any:
     """Return a YAML document that is not too deep: its loader calls itself for every level.
 
     Raises

@@ -7,8 +7,9 @@ refused.  Of a part that is cut off or damaged, as much is unpacked as comes bef
 """
 
 import sys
+from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -95,10 +96,9 @@ class Records:
         cls, messages: Sequence[bytes], time_ns: IntArray, place: IntArray | None = None
     ) -> 'Records':
         """Return messages that come as one object each."""
-        end = np.cumsum(np.fromiter(map(len, messages), np.int64, len(messages)))
-        start = np.zeros_like(end)
-        start[1:] = end[:-1]
-        return cls(np.frombuffer(b''.join(messages), np.uint8), start, end, time_ns, place)
+        size = np.fromiter(map(len, messages), np.int64, len(messages))
+        end = np.cumsum(size)
+        return cls(np.frombuffer(b''.join(messages), np.uint8), end - size, end, time_ns, place)
 
 
 def gather(buffer: ByteArray, position: IntArray, kind: npt.DTypeLike) -> npt.NDArray[Any]:
@@ -209,17 +209,6 @@ class Budget:
         if size > self.chunk or self._unpacked < 0:
             raise self.exceeded(f'{what} with {size} bytes unpacked')
 
-    def load(self, size: int, what: str) -> None:
-        """Look at what is held as a whole for a while [bytes].
-
-        Raises
-        ------
-        RecordingError
-            If it is too much.
-        """
-        if size > self.memory:
-            raise self.exceeded(f'{what} of {size} bytes')
-
     def hold(self, size: int) -> None:
         """Count what is kept beside the numbers of messages [bytes].
 
@@ -248,6 +237,48 @@ class Budget:
             f'expected a recording that can be read within {self.memory / 1e9:.3g} GB '
             f'(--max-memory allows more), got {found}'
         )
+
+
+class StorageFile(ABC):
+    """A file of a recording.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    findings : Findings
+        Where faults are noted.
+    budget : Budget
+        What reading may take.
+
+    Attributes
+    ----------
+    channels : dict of int to Channel
+        Channels that were met so far, by number.
+
+    Raises
+    ------
+    RecordingError
+        If the file is empty or of another kind.
+    """
+
+    kind: str
+    magic: bytes
+
+    def __init__(self, path: Path, findings: Findings, budget: Budget) -> None:
+        self._path = path
+        self._findings = findings
+        self._budget = budget
+        self.channels: dict[int, Channel] = {}
+        with path.open('rb') as file:
+            found = file.read(len(self.magic))
+        if found != self.magic:
+            what = repr(found) if found else 'an empty file'
+            raise RecordingError(f'expected {self.kind} file at {path}, got {what}')
+
+    @abstractmethod
+    def batches(self) -> Iterator[Batch]:
+        """Yield the messages in the order of the file."""
 
 
 ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'

@@ -27,6 +27,7 @@ from rpms_ros.recording.rosbag.records import (
     Channel,
     Findings,
     Records,
+    StorageFile,
     gather,
     unpack_file,
     unpacked,
@@ -35,7 +36,7 @@ from rpms_ros.recording.rosbag.sqlite_files import SqliteFile
 
 Progress = Callable[[int], None]
 """Is told how many messages were read since the last call."""
-READERS: dict[str, type[McapFile] | type[SqliteFile]] = {'.mcap': McapFile, '.db3': SqliteFile}
+READERS: dict[str, type[StorageFile]] = {'.mcap': McapFile, '.db3': SqliteFile}
 _PACKED_SUFFIX = '.zstd'
 _SILENT_NS = NANOSECONDS_PER_SECOND // 2
 
@@ -171,7 +172,7 @@ class Scan:
                 self.topics.setdefault(key, TopicFacts(*key))
 
     @contextmanager
-    def _opened(self, path: Path) -> Iterator[McapFile | SqliteFile]:
+    def _opened(self, path: Path) -> Iterator[StorageFile]:
         """Open one file, unpacked first if it is packed as a whole."""
         reader = READERS[_suffix(path)]
         if path.suffix != _PACKED_SUFFIX:

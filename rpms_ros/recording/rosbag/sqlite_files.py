@@ -16,7 +16,7 @@ import numpy as np
 
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import IntArray
-from rpms_ros.recording.rosbag.records import Batch, Budget, Channel, Findings, Records
+from rpms_ros.recording.rosbag.records import Batch, Budget, Channel, Records, StorageFile
 
 _ROWS = 8192
 
@@ -52,61 +52,33 @@ def _whole(values: tuple[Any, ...]) -> IntArray:
     return np.array([value if isinstance(value, int) else -1 for value in values], np.int64)
 
 
-_MAGIC = b'SQLite format 3\0'
 _JOURNALS = ('-journal', '-wal')
 _TABLES_READ = 'topics', 'messages', 'message_definitions', 'metadata', 'schema'
 # A topic as objects, without its texts [bytes].
 _ROW = 1000
 
 
-class SqliteFile:
-    """A sqlite3 file of rosbag2.
+class SqliteFile(StorageFile):
+    """A sqlite3 file of rosbag2; its channels are known once the first batch was asked for.
 
     A writer that was killed leaves a journal: the last whole state needs it.  Recovery writes,
     so it is done on a copy, and the recording stays as it was.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    findings : Findings
-        Where faults are noted.
-    budget : Budget
-        What reading may take.
-
-    Attributes
-    ----------
-    channels : dict of int to Channel
-        Channels by number; empty before the first batch was asked for.
-
-    Raises
-    ------
-    RecordingError
-        If the file is empty, no sqlite3 file, or not one of rosbag2.
     """
 
-    def __init__(self, path: Path, findings: Findings, budget: Budget) -> None:
-        self._path = path
-        self._findings = findings
-        self._budget = budget
-        self.channels: dict[int, Channel] = {}
-        with path.open('rb') as file:
-            head = file.read(32)
-        magic = head[: len(_MAGIC)]
-        if magic != _MAGIC:
-            found = repr(magic) if magic else 'an empty file'
-            raise RecordingError(f'expected a sqlite3 file at {path}, got {found}')
-        size = int.from_bytes(head[16:18], 'big')
-        # 1 stands for 65536.
-        self._page_size = 65536 if size < 2 else size
-        self._promised_size = int.from_bytes(head[28:], 'big') * self._page_size
+    kind, magic = 'a sqlite3', b'SQLite format 3\0'
 
     def batches(self) -> Iterator[Batch]:
-        """Yield the messages in the order of the file."""
+        """Yield the messages in the order of the file; it may turn out to be none of rosbag2."""
+        with self._path.open('rb') as file:
+            head = file.read(32)
+        page_size = int.from_bytes(head[16:18], 'big')
+        # 1 stands for 65536.
+        page_size = 65536 if page_size < 2 else page_size
+        promised_size = int.from_bytes(head[28:], 'big') * page_size
         journals = [self._path.with_name(self._path.name + name) for name in _JOURNALS]
         hot = [path for path in journals if path.exists() and path.stat().st_size]
         size = self._path.stat().st_size
-        if not hot and size >= self._promised_size:
+        if not hot and size >= promised_size:
             yield from self._read(f'{self._path.resolve().as_uri()}?mode=ro&immutable=1')
             return
         with tempfile.TemporaryDirectory() as folder:
@@ -118,10 +90,10 @@ class SqliteFile:
                 found = f'{self._path.name} was not closed: recovered from its {suffix}'
                 self._findings.add('hot_journal', found)
             else:
-                found = f'{self._path.name} has {size} of {self._promised_size} bytes'
+                found = f'{self._path.name} has {size} of {promised_size} bytes'
                 self._findings.add('truncated_file', found)
                 # Half a page would read as messages full of zeros.
-                os.truncate(copy, size - size % self._page_size)
+                os.truncate(copy, size - size % page_size)
             yield from self._read(copy.as_uri(), cut_off=not hot)
 
     def _read(self, uri: str, cut_off: bool = False) -> Iterator[Batch]:

@@ -97,19 +97,19 @@ def verify(
         recording = read_recording(path, topics, memory=memory)
     except RecordingError as error:
         return [*findings, Finding('session', FAULT, printable(str(error)))]
-    seen = set(facts.remarks)
     findings += [
-        Finding('session', FAULT, text) for text in recording.facts.remarks if text not in seen
+        Finding('session', FAULT, text)
+        for text in recording.facts.remarks
+        if text not in facts.remarks
     ]
     apart = no_overlap(recording.pulses.onset_ns, recording.forces.stamp_ns)
     findings += [] if apart is None else [Finding('clock', FAULT, apart)]
     if audit is not None:
         findings += _audit(recording.pulses, audit)
     digest = session_hash(recording)
-    if DAMAGE & facts.faults.keys():
-        digest += ' of what could be read, not of all that was recorded'
-        return [*findings, Finding('hash', FAULT, digest)]
-    return [*findings, Finding('hash', OK, digest)]
+    damaged = DAMAGE & facts.faults.keys()
+    digest += ' of what could be read, not of all that was recorded' if damaged else ''
+    return [*findings, Finding('hash', FAULT if damaged else OK, digest)]
 
 
 def _checksums(folder: Path, facts: RecordingFacts) -> list[Finding]:
