@@ -52,6 +52,9 @@ exit codes: 0 nothing wrong, 1 a line says FAULT, 2 cannot be read
 """
 
 
+_FACTS = ('custom', 'schedules', 'faults', 'remarks')
+
+
 def add_info(subparsers: Subparsers) -> None:
     """Add `rpms info`."""
     summary = 'what a recording holds'
@@ -111,10 +114,7 @@ def as_document(facts: 'RecordingFacts') -> dict[str, Any]:
             }
             for topic in facts.topics
         ],
-        'custom': dict(facts.custom),
-        'schedules': plain(facts.schedules),
-        'faults': dict(facts.faults),
-        'remarks': list(facts.remarks),
+        **{name: plain(getattr(facts, name)) for name in _FACTS},
     }
 
 

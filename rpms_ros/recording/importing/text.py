@@ -140,20 +140,17 @@ def signals_of(
     width = len(rows[first])
     names, units = _header(rows[:first], width)
     columns = _columns(path, rows[first:], width, comma)
-    units = [unit or unit_of(name) or usual for name, unit in zip(names, units, strict=True)]
     units = [
-        TIME_OF_DAY if _CLOCK.match(cell) else unit
-        for cell, unit in zip(rows[first], units, strict=True)
+        TIME_OF_DAY if _CLOCK.match(cell) else unit or unit_of(name) or usual
+        for name, unit, cell in zip(names, units, rows[first], strict=True)
     ]
     return tuple(map(Signal, names, columns, units))
 
 
 def _rate(above: Sequence[str]) -> float | None:
     """Return the rate of the samples [Hz] that a header states."""
-    for line in above:
-        if found := _RATE.match(line):
-            return float(found[2]) * (1e3 if 'khz' in found[0].lower() else 1.0)
-    return None
+    found = next(filter(None, map(_RATE.match, above)), None)
+    return float(found[2]) * (1e3 if 'khz' in found[0].lower() else 1.0) if found else None
 
 
 def _separator(lines: Sequence[str]) -> str:
@@ -190,10 +187,12 @@ def _refuse_decimal_commas(path: Path, titles: list[str], sample: list[list[str]
     count, width = len(titles), len(sample[0])
     if count < 2 or width != 2 * count:
         return
-    before = [cell for row in sample for cell in row[::2]]
-    behind = [cell for row in sample for cell in row[1::2]]
-    if all(re.fullmatch(r'[-+]?\d+', cell) for cell in before) and all(
-        re.fullmatch(r'\d+(?:[eE][-+]?\d+)?', cell) for cell in behind
+    halves = (r'[-+]?\d+', r'\d+(?:[eE][-+]?\d+)?')
+    if all(
+        re.fullmatch(half, cell)
+        for place, half in enumerate(halves)
+        for row in sample
+        for cell in row[place::2]
     ):
         raise RecordingError(
             f'expected a cell for each title of {path}, got {count} titles, {width} cells a row: '
@@ -303,18 +302,16 @@ def _labchart(path: Path, text: str, encoding: str, block: int | None) -> Signal
     width = min((len(row) for row in rows), default=0)
     if width < 2:
         raise RecordingError(f'expected time and channels in {path}, got no such rows')
-    titles = head.get('ChannelTitle', [])
-    stated, ranges = head.get('UnitName', []), head.get('Range', [])
+
+    def padded(name: str) -> list[str]:
+        return [*head.get(name, []), *[''] * width][: width - 1]
+
     # the range has the unit of the numbers, too
-    units = [
-        _at(stated, index) or _at(ranges, index).rpartition(' ')[2] for index in range(width - 1)
-    ]
-    names = [*titles, *[''] * width][: width - 1]
+    stated = zip(padded('UnitName'), padded('Range'), strict=True)
+    units = [unit.strip('*') or span.strip('*').rpartition(' ')[2] for unit, span in stated]
     time, *channels = _columns(path, [row[:width] for row in rows], width, _decimal_comma(rows))
-    signals = tuple(
-        Signal(name, values, unit, time)
-        for name, values, unit in zip(names, channels, units, strict=True)
-    )
+    named = zip(padded('ChannelTitle'), channels, units, strict=True)
+    signals = tuple(Signal(*one, time) for one in named)
     return SignalFile(path, 'LabChart text', signals, facts=(encoding, f'block {chosen}'))
 
 
@@ -332,7 +329,3 @@ def _blocks(lines: list[str]) -> list[tuple[dict[str, list[str]], list[list[str]
             cells = [cell.strip() for cell in line.split('#')[0].rstrip('\t ').split('\t')]
             blocks[-1][1].append(cells)
     return blocks
-
-
-def _at(texts: list[str], index: int) -> str:
-    return texts[index].strip('*') if index < len(texts) else ''

@@ -74,8 +74,7 @@ def is_foreign(path: Path) -> bool:
     """Return whether there is a file of a laboratory, and no recording."""
     if path.name.removesuffix('.zstd').endswith(tuple(READERS)):
         return False
-    named = not path.exists() and path.suffix != ''
-    return named or path.is_file()
+    return path.is_file() or (path.suffix != '' and not path.exists())
 
 
 @np.errstate(over='ignore', invalid='ignore')
