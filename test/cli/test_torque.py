@@ -8,15 +8,14 @@ import re
 import numpy as np
 import pytest
 
-from rpms_ros import messages
 from rpms_ros.api import load
 from rpms_ros.cli import main
 from rpms_ros.errors import RecordingError
 from rpms_ros.muscle import Contraction, simulation_subject
 from rpms_ros.pulses import ForceTrace, PulseTrain
 from rpms_ros.recording import read_recording, write_recording
-from rpms_ros.recording.rosbag.definitions import WRENCH_STAMPED, known_types
-from rpms_ros.recording.rosbag.writing import FurtherTopic
+from rpms_ros.recording.rosbag.definitions import WRENCH_STAMPED
+from rpms_ros.recording.rosbag.writing import FurtherTopic, encode_forces
 
 ARM = 0.25
 
@@ -30,18 +29,8 @@ def recording(tmp_path_factory):
     muscle.add_pulses(pulses.onset_ns, pulses.intensity)
     stamps = np.arange(2500) * 4_000_000
     force = muscle.force(stamps) + 0.02 * generator.standard_normal(len(stamps))
-    store = known_types()
-    data = [
-        bytes(
-            store.serialize_cdr(
-                messages.force_message(
-                    stamp, ARM * one, messages.AXES['z'], store.types, '', 'torque'
-                ),
-                WRENCH_STAMPED,
-            )
-        )
-        for stamp, one in zip(stamps.tolist(), force.tolist(), strict=True)
-    ]
+    torques = encode_forces(ForceTrace(stamps, ARM * force), (0.0, 0.0, 1.0), 'torque')
+    data = [torques.message(index) for index in range(len(torques))]
     path = tmp_path_factory.mktemp('torque') / 'leg'
     further = FurtherTopic('/dynamometer', WRENCH_STAMPED, stamps.tolist(), data)
     write_recording(path, pulses, ForceTrace(stamps, force), further=(further,))

@@ -26,15 +26,11 @@ import sysconfig
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
 import rpms_ros
-
-if TYPE_CHECKING:
-    pass
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [
@@ -165,15 +161,8 @@ def environment(folder, domain):
 
 
 def ends_well(command, folder, variables, statuses):
-    done = subprocess.run(
-        command,
-        cwd=folder,
-        env=variables,
-        capture_output=True,
-        text=True,
-        timeout=TIMEOUT,
-        check=False,
-    )
+    how = {'capture_output': True, 'text': True, 'timeout': TIMEOUT, 'check': False}
+    done = subprocess.run(command, cwd=folder, env=variables, **how)
     assert done.returncode in statuses, f'{command[-1]}\n{done.stdout}\n{done.stderr}'
     assert 'Traceback' not in done.stderr, f'{command[-1]}\n{done.stderr}'
 

@@ -93,11 +93,7 @@ def test_the_unit_can_be_decided(tmp_path):
             {'pulse': 'stim_times'},
             r"got 'stim_times' with 60 values, 'force' with 4000",
         ),
-        (
-            {'stim': np.zeros(COUNT - 1)},
-            {},
-            r"got 'stim' with 3999 values, 'force' with 4000",
-        ),
+        ({'stim': np.zeros(COUNT - 1)}, {}, r"got 'stim' with 3999 values, 'force' with 4000"),
         ({'time': TIME[1:], 'stim': FORCE}, {'time': 'time'}, r"got 'time' with 3999 values, "),
         ({'stim': FORCE}, {'pulse_unit': 's'}, r"expected rising times in column 'stim'"),
         ({'stim': PLACES}, {'pulse_unit': 'h'}, r'a unit of pulses of s, ms, us, min, samples'),

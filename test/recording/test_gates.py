@@ -10,11 +10,7 @@ from rpms_ros.errors import RecordingError
 from rpms_ros.identification import CURVE_INTENSITY, estimator_by_name, identify
 from rpms_ros.muscle import Contraction, Subject
 from rpms_ros.pulses import ForceTrace, PulseTrain
-from rpms_ros.recording.importing import (
-    Ambiguous,
-    ImportOptions,
-    import_file,
-)
+from rpms_ros.recording.importing import Ambiguous, ImportOptions, import_file
 from rpms_ros.recording.importing.gates import gate_pulses
 from rpms_ros.recording.importing.whole_file import begins_amid
 
@@ -25,10 +21,7 @@ NOISE = np.random.default_rng(1).normal(0.0, 0.02, COUNT)
 
 
 def gate(width=3, level=5.0):
-    high = np.zeros(COUNT)
-    for place in PLACES:
-        high[place : place + width] = level
-    return high
+    return level * np.isin(np.arange(COUNT), PLACES[:, None] + np.arange(width))
 
 
 def imported(path, values, **options):
@@ -104,9 +97,8 @@ SHARES[0] = 1.0
 
 
 def heights():
-    values = gate()
-    for place, share in zip(PLACES, SHARES, strict=True):
-        values[place : place + 3] = 5.0 * share
+    values = gate(level=1.0)
+    values[values > 0.0] *= np.repeat(5.0 * SHARES, 3)
     return values + 0.1 * NOISE
 
 

@@ -81,6 +81,12 @@ ALIASES = 'a: &a [x, x, x, x, x, x, x, x, x]\n' + ''.join(
     for before, name in zip('abcdefgh', 'bcdefghi', strict=True)
 )
 HOSTILE = {
+    'nothing': '',
+    'bracket': '[',
+    'other': 'a: b',
+    'number': 'rosbag2_bagfile_information: 3',
+    'control': '\x00',
+    'dashes': '- - :',
     'aliases': f'custom_data:\n  {ALIASES}'.replace('\n', '\n  '),
     'of itself': 'a: &a [*a]\n',
     'brackets': '[' * 50_000,
@@ -92,11 +98,13 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize('text', list(HOSTILE.values()), ids=list(HOSTILE))
-def test_hostile_metadata_are_left_aside(session, tmp_path, text):
+def test_damaged_and_hostile_metadata_are_left_aside(session, tmp_path, text):
     path = tmp_path / 'bag'
     write_recording(path, *session)
     (path / 'metadata.yaml').write_bytes(text.encode('utf-8', 'surrogateescape'))
-    facts = read_facts(path)
+    recording = read_recording(path)
+    assert len(recording.forces) == len(session[1])
+    facts = recording.facts
     assert facts.faults == {'damaged_metadata': 1}
     assert len(facts.remarks) == 1
 
