@@ -5,11 +5,9 @@
 What is true of a simulated muscle, in a recording.
 """
 
-from array import array
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -21,7 +19,7 @@ from rpms_ros.muscle import Contraction, Subject, subject_by_name
 from rpms_ros.muscle.scenario import Scenario, load_scenario
 from rpms_ros.muscle.simulation import Surroundings, Truth, simulate_session
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, IntArray
-from rpms_ros.recording.rosbag.definitions import known_types
+from rpms_ros.recording.rosbag.definitions import encoded, known_types
 from rpms_ros.recording.rosbag.writing import FurtherTopic
 from rpms_ros.report.known_muscle import of_truths
 from rpms_ros.stimulation import (
@@ -168,16 +166,6 @@ TRUTH_TOPIC = '/truth'
 
 def truth_topic(truths: Sequence[Truth]) -> FurtherTopic:
     """Return the messages of topic ``/truth``, each received at its stamp."""
-    store = known_types()
-    build = store.types[messages.MUSCLE_TRUTH]
-
-    def with_arrays(**fields: Any) -> Any:
-        # rosbags writes arrays of NumPy only
-        arrays = {name: np.array(one) for name, one in fields.items() if isinstance(one, array)}
-        return build(**(fields | arrays))
-
-    types = {**store.types, messages.MUSCLE_TRUTH: with_arrays}
-    made = [estimate_messages.truth_message(truth, types) for truth in truths]
-    contents = [bytes(store.serialize_cdr(one, messages.MUSCLE_TRUTH)) for one in made]
-    stamps = [truth.stamp_ns for truth in truths]
-    return FurtherTopic(TRUTH_TOPIC, messages.MUSCLE_TRUTH, stamps, contents)
+    kind, types = messages.MUSCLE_TRUTH, known_types().types
+    contents = [encoded(estimate_messages.truth_message(one, types), kind) for one in truths]
+    return FurtherTopic(TRUTH_TOPIC, kind, [one.stamp_ns for one in truths], contents)

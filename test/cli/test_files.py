@@ -5,7 +5,6 @@
 import csv
 import json
 import os
-from array import array
 from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
@@ -19,7 +18,7 @@ from rpms_ros import estimate_messages, messages
 from rpms_ros.identification import CONVERGED, Estimate
 from rpms_ros.pulses import ForceTrace, PulseTrain
 from rpms_ros.recording import FurtherTopic, read_recording, write_recording
-from rpms_ros.recording.rosbag.definitions import known_types
+from rpms_ros.recording.rosbag.definitions import encoded, known_types
 
 COLUMNS = ['--time', 'Time [s]', '--force', 'fGM [N]', '--pulse', 'STIM [ ]']
 FOLDER = Path(os.environ.get('RPMS_RECORDINGS', Path(__file__).parents[2] / '../shared/data'))
@@ -170,16 +169,9 @@ def estimate(stamp_ns, name='u_thr'):
 
 
 def estimates_topic(estimates):
-    types = known_types()
-    built = [estimate_messages.estimate_message(one, types.types) for one in estimates]
-    for message in built:
-        # rosbags takes arrays of NumPy only
-        for name, value in vars(message).items():
-            if isinstance(value, array):
-                setattr(message, name, np.array(value))
-    kind = messages.MUSCLE_ESTIMATE
-    encoded = [bytes(types.serialize_cdr(message, kind)) for message in built]
-    return FurtherTopic('/estimate', kind, [one.stamp_ns for one in estimates], encoded)
+    kind, types = messages.MUSCLE_ESTIMATE, known_types().types
+    contents = [encoded(estimate_messages.estimate_message(one, types), kind) for one in estimates]
+    return FurtherTopic('/estimate', kind, [one.stamp_ns for one in estimates], contents)
 
 
 @pytest.fixture

@@ -12,6 +12,7 @@ length of that string is known, and records of one such length are an array of o
 rosbags, which decodes one message after the other, takes minutes for an hour at 1 kHz.
 """
 
+from array import array
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
@@ -62,6 +63,14 @@ def known_types() -> Typestore:
         types.update(get_types_from_msg(path.read_text(), f'rpms_msgs/msg/{path.stem}'))
     store.register(types)
     return store
+
+
+def encoded(message: Any, type_name: str) -> bytes:
+    """Return a message of rosbags as a recording has it; of arrays it takes those of NumPy."""
+    for name, value in vars(message).items():
+        if isinstance(value, array):
+            setattr(message, name, np.array(value))
+    return bytes(known_types().serialize_cdr(message, type_name))
 
 
 @cache
