@@ -66,8 +66,6 @@ def _whole(name: str, values: npt.ArrayLike) -> IntArray:
     ValueError
         If they are no whole numbers, or have another shape.
     """
-    if type(values) is np.ndarray and values.dtype == np.int64 and values.ndim == 1:
-        return values
     array = np.asarray(values)
     if array.dtype.kind == 'M':
         array = array.astype('datetime64[ns]')
@@ -76,7 +74,7 @@ def _whole(name: str, values: npt.ArrayLike) -> IntArray:
             f'expected whole numbers in {name}, got {array.dtype}: seconds times 1e9, rounded, '
             'are nanoseconds'
         )
-    return _in_one_row(name, array).astype(np.int64)
+    return _in_one_row(name, array).astype(np.int64, copy=False)
 
 
 def _real(name: str, values: npt.ArrayLike) -> FloatArray:
@@ -87,8 +85,6 @@ def _real(name: str, values: npt.ArrayLike) -> FloatArray:
     ValueError
         If they are no numbers, or have another shape.
     """
-    if type(values) is np.ndarray and values.dtype == np.float64 and values.ndim == 1:
-        return values
     try:
         array = np.asarray(values, dtype=np.float64)
     except TypeError as error:

@@ -6,6 +6,7 @@ A file or folder is there as a whole or not at all.
 """
 
 import csv
+import itertools
 import json
 import os
 import re
@@ -57,12 +58,8 @@ def column_names(names: Iterable[str]) -> list[str]:
     for name in names:
         plain = re.sub(r'[^A-Za-z0-9_]', '_', name)[:_LONGEST_NAME]
         plain = plain if plain[:1].isalpha() else f'x{plain}'
-        count = 2
-        unlike = plain
-        while unlike in taken:
-            unlike = f'{plain[: _LONGEST_NAME - 5]}_{count}'
-            count += 1
-        taken.append(unlike)
+        numbered = (f'{plain[: _LONGEST_NAME - 5]}_{count}' for count in itertools.count(2))
+        taken.append(next(one for one in itertools.chain([plain], numbered) if one not in taken))
     return taken
 
 

@@ -243,13 +243,7 @@ class McapFile(StorageFile):
                 found = f'{name} states {count} messages, got {self._count}'
                 self._findings.add('wrong_count', found)
         # What is in chunks has been checked chunk by chunk.
-        if not chunked and not self._data_fits(frame):
-            self._findings.add('wrong_checksum', f'the checksum of {name} does not fit')
-
-    def _data_fits(self, frame: Frame) -> bool:
-        """Tell whether the checksum of everything before the index fits, if there is one."""
-        for begin, end in frame.of_kind(Opcode.DATA_END)[-1:]:
-            stated = int.from_bytes(self._data[begin:end].tobytes(), 'little')
-            value = crc32(self._data[: begin - RECORD_HEAD].data)
-            return stated in (0, value) or end - begin != 4
-        return True
+        for begin, end in [] if chunked else frame.of_kind(Opcode.DATA_END)[-1:]:
+            stated = int.from_bytes(data[begin:end].tobytes(), 'little')
+            if end - begin == 4 and stated not in (0, crc32(data[: begin - RECORD_HEAD].data)):
+                self._findings.add('wrong_checksum', f'the checksum of {name} does not fit')
