@@ -15,10 +15,10 @@ SAMPLE = Path(__file__).resolve().parents[2] / 'bags' / 'sample'
 COLUMNS = ('t', 'F', 'gate')
 
 
-def table(path, name='trial.csv'):
+def table(path):
     rows = [f'{i / 1000},{0.5 * i},{int(i % 50 < 2)}' for i in range(200)]
-    (path / name).write_text('\n'.join(('t,F,gate', *rows)) + '\n')
-    return path / name
+    (path / 'trial.csv').write_text('\n'.join(('t,F,gate', *rows)) + '\n')
+    return path / 'trial.csv'
 
 
 def test_info_says_what_the_session_holds():
@@ -65,23 +65,6 @@ def test_a_part_has_the_samples_and_pulses_of_its_time(simulated):
     assert part.subject is simulated.subject
 
 
-@pytest.mark.parametrize(
-    ('change', 'message'),
-    [
-        ({'path': 'nowhere'}, 'expected .*nowhere'),
-        ({'sign': 2}, 'expected sign 1 or -1, got 2'),
-        ({'axis': 'w'}, 'expected .*axis.*w'),
-        ({'columns': COLUMNS}, 'expected columns with a table or another file'),
-        ({'sheet': 'a'}, 'expected sheet with a table or another file'),
-        ({'force_topic': 'torque'}, 'expected .*torque'),
-    ],
-)
-def test_a_wrong_option_is_named(change, message):
-    options = {'path': SAMPLE, **change}
-    with pytest.raises(RpmsError, match=message):
-        rpms_ros.load(**options)
-
-
 def test_what_is_what_is_guessed_and_told(tmp_path):
     session = rpms_ros.load(table(tmp_path))
     named = rpms_ros.load(table(tmp_path), columns=COLUMNS)
@@ -89,14 +72,12 @@ def test_what_is_what_is_guessed_and_told(tmp_path):
     told = dict(session.imported)
     assert told['time'] == "'t' in s, for 1000 samples a second then (time_unit= decides)"
     assert "pulses: 'gate'" in session.info()['imported']
-    with pytest.raises(RpmsError, match='expected sign 1 or -1, got 0'):
-        rpms_ros.load(table(tmp_path), columns=COLUMNS, sign=0)
 
 
 def test_what_cannot_be_guessed_names_the_keyword(tmp_path):
     path = tmp_path / 'trial.csv'
-    path.write_text('t;a [N];b [N];gate\n' + '\n'.join(f'{k};1;2;{k % 9 == 5}' for k in range(40)))
-    path.write_text(path.read_text().replace('True', '5').replace('False', '0'))
+    rows = (f'{k};1;2;{5 * (k % 9 == 5)}' for k in range(40))
+    path.write_text('\n'.join(['t;a [N];b [N];gate', *rows]))
     with pytest.raises(RpmsError, match=r"got 'a \[N\]', 'b \[N\]': force= decides"):
         rpms_ros.load(path)
     assert set(rpms_ros.load(path, force='b [N]').force.force) == {2.0}
@@ -105,19 +86,26 @@ def test_what_cannot_be_guessed_names_the_keyword(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ('change', 'message'),
+    ('path', 'change', 'message'),
     [
-        ({'time_unit': 'hours'}, "expected a unit of time of s, ms, us, min, got 'hours'"),
-        ({'force_unit': 'oz'}, "expected a unit of force of N, .*, got 'oz'"),
-        ({'columns': COLUMNS, 'force': 'F'}, 'expected either columns or time, force and pulse'),
-        ({'force': 'x'}, "expected column 'x'"),
-        ({'sampling_rate': -1.0}, 'sampling rate of at least 0 Hz'),
-        ({'intensity': 1.5}, 'intensity from 0 to 1'),
+        ('nowhere', {}, 'expected .*nowhere'),
+        (SAMPLE, {'sign': 2}, 'expected sign 1 or -1, got 2'),
+        (SAMPLE, {'axis': 'w'}, 'expected .*axis.*w'),
+        (SAMPLE, {'columns': COLUMNS}, 'expected columns with a table or another file'),
+        (SAMPLE, {'sheet': 'a'}, 'expected sheet with a table or another file'),
+        (SAMPLE, {'force_topic': 'torque'}, 'expected .*torque'),
+        (None, {'sign': 0}, 'expected sign 1 or -1, got 0'),
+        (None, {'time_unit': 'hours'}, "a unit of time of s, ms, us, min, got 'hours'"),
+        (None, {'force_unit': 'oz'}, "expected a unit of force of N, .*, got 'oz'"),
+        (None, {'columns': COLUMNS, 'force': 'F'}, 'either columns or time, force and pulse'),
+        (None, {'force': 'x'}, "expected column 'x'"),
+        (None, {'sampling_rate': -1.0}, 'sampling rate of at least 0 Hz'),
+        (None, {'intensity': 1.5}, 'intensity from 0 to 1'),
     ],
 )
-def test_a_wrong_option_of_a_file_is_named(tmp_path, change, message):
+def test_a_wrong_option_of_a_recording_or_a_file_is_named(tmp_path, path, change, message):
     with pytest.raises(RpmsError, match=message):
-        rpms_ros.load(table(tmp_path), **change)
+        rpms_ros.load(path or table(tmp_path), **change)
 
 
 @pytest.mark.parametrize(

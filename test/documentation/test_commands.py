@@ -33,13 +33,10 @@ import pytest
 import rpms_ros
 
 ROOT = Path(__file__).resolve().parents[2]
+DOCS = ROOT / 'docs'
 PAGES = [
     path
-    for path in (
-        ROOT / 'README.md',
-        ROOT / 'CONTRIBUTING.md',
-        *sorted((ROOT / 'docs').rglob('*.md')),
-    )
+    for path in (ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *sorted(DOCS.rglob('*.md')))
     if 'generated' not in path.parts
 ]
 KNOWN = {'bash', 'console', 'python', 'text', 'yaml', 'toml', 'ini', 'json'}

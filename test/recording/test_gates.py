@@ -149,17 +149,7 @@ def test_intensities_from_a_file(tmp_path):
         imported(tmp_path / 'a.csv', gate(), intensity='none')
 
 
-HEADER = 'Time [s],STIM [ ],"fGM [N]"\n'
-COLUMNS = ImportOptions(
-    time='Time [s]', force='fGM [N]', pulse='STIM [ ]', time_unit='s', force_unit='N'
-)
 MILLISECOND = 1_000_000
-
-
-def table(tmp_path, rows, header=HEADER):
-    path = tmp_path / 'trial.csv'
-    path.write_text(header + ''.join(f'{row}\n' for row in rows))
-    return path
 
 
 @given(
@@ -200,8 +190,11 @@ def test_chatter_at_the_threshold_is_one_pulse():
     ],
 )
 def test_bad_tables_are_refused(tmp_path, rows, message):
+    path = tmp_path / 'trial.csv'
+    path.write_text('\n'.join(['Time [s],STIM [ ],"fGM [N]"', *rows, '']))
+    names = {'time': 'Time [s]', 'force': 'fGM [N]', 'pulse': 'STIM [ ]'}
     with pytest.raises(RecordingError, match=message):
-        import_file(table(tmp_path, rows), COLUMNS)
+        import_file(path, ImportOptions(**names, time_unit='s', force_unit='N'))
 
 
 FORCE = 2.0 + np.sin(TIME * 30.0)
@@ -346,9 +339,6 @@ def test_nothing_is_learnt_from_the_force_of_pulses_that_are_not_in_the_file(tmp
     assert last.faults.keys() == {'samples_excluded'}
     assert np.abs(last.curve_force - truth).max() < 0.005 * truth.max()
     # as it is not without that
-    worse = identify(estimator_by_name('batch'), pulses_from_0(known), found.forces).last
+    from_0 = PulseTrain.numbered(known.onset_ns, known.intensity, known.width)
+    worse = identify(estimator_by_name('batch'), from_0, found.forces).last
     assert np.abs(worse.curve_force - truth).max() > 0.005 * truth.max()
-
-
-def pulses_from_0(pulses):
-    return PulseTrain(pulses.onset_ns, pulses.intensity, pulses.sequence - 1, pulses.width)
