@@ -166,13 +166,8 @@ def load(
     name = (place.resolve() if place.is_dir() else place).stem
     muscle = true_muscle(recording, DEFAULT_RATE)
     changing = muscle is not None and len(muscle.stamp_ns) > 1
-    return Session(
-        name=name,
-        recording=recording,
-        topics=topics,
-        subject=None if muscle is None else muscle.subject,
-        truth=muscle if changing else None,
-    )
+    subject = None if muscle is None else muscle.subject
+    return Session(name, recording, topics, subject, muscle if changing else None)
 
 
 def from_arrays(
@@ -232,12 +227,9 @@ def from_arrays(
         )
     if (wrong := shares[~((shares >= 0.0) & (shares <= 1.0))]).size:
         raise RecordingError(f'expected intensities from 0 to 1, got {wrong[0]}')
-    pulses, forces = (
-        PulseTrain.numbered(stamps(onsets), shares),
-        ForceTrace(stamps(seconds), newtons),
-    )
-    recording = as_recording(pulses, forces, Path(name), 'arrays')
-    return Session(name=name, recording=recording)
+    pulses = PulseTrain.numbered(stamps(onsets), shares)
+    forces = ForceTrace(stamps(seconds), newtons)
+    return Session(name, as_recording(pulses, forces, Path(name), 'arrays'))
 
 
 def _imported(place: Path, options: ImportOptions, sign: int, quantity: str) -> Session:
@@ -288,12 +280,8 @@ def as_recording(
     quantity : str
         What the sensor measured.
     """
+    before = np.searchsorted(forces.stamp_ns, pulses.onset_ns, side='left')
+    received = (pulses.onset_ns, forces.stamp_ns)
     return Recording(
-        pulses,
-        forces,
-        pulses.onset_ns,
-        forces.stamp_ns,
-        np.searchsorted(forces.stamp_ns, pulses.onset_ns, side='left'),
-        RecordingFacts(path, storage, ()),
-        quantity=quantity,
+        pulses, forces, *received, before, RecordingFacts(path, storage, ()), quantity
     )

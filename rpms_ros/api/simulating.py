@@ -110,12 +110,9 @@ def simulate(
         sample_times(schedule.length_s, force_rate_hz),
         _TRUTH_RATE if scenario is not None else 0.0,
     )
-    return Session(
-        name=f'simulated, {schedule.name}',
-        recording=as_recording(pulses, forces, Path('simulated'), 'simulation'),
-        subject=muscle,
-        truth=of_truths(truths, muscle),
-    )
+    recording = as_recording(pulses, forces, Path('simulated'), 'simulation')
+    truth = of_truths(truths, muscle)
+    return Session(f'simulated, {schedule.name}', recording, subject=muscle, truth=truth)
 
 
 def named_schedule(

@@ -96,12 +96,7 @@ def test_times_of_day_are_times(tmp_path):
     [
         ('time,f_a [N],f_b [N],gate', (TIME, FORCE, FORCE, GATE), {}, r"'f_b \[N\]': --force COL"),
         ('time,force,gate,trigger', (TIME, FORCE, GATE, GATE), {}, "'trigger': --pulse COL deci"),
-        (
-            'a,b,c,d',
-            (TIME[::-1], FORCE, FORCE, GATE),
-            {'pulse': 'd', 'force': 'b'},
-            '--time COL or',
-        ),
+        ('a,b,c,d', (TIME[::-1], FORCE, FORCE, GATE), {'pulse': 'd', 'force': 'b'}, 'time COL or'),
         ('time,force [V],pressure,gate', (TIME, FORCE, FORCE, GATE), {}, 'in V: --force-scale N-'),
     ],
 )

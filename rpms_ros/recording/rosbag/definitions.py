@@ -133,10 +133,9 @@ ENCODING, LENGTH = 'CDR encoding', 'string length'
 """Names in a type of records: of its first two bytes, and of the length of its string [bytes]."""
 _ENCAPSULATION = 4
 _BASE, _NAME, _ARRAY, _SEQUENCE = 1, 2, 3, 4
-_ALIASES = {'bool': 'uint8', 'byte': 'uint8', 'char': 'uint8'}
-_NUMBERS = frozenset(
-    ['float32', 'float64'] + [f'{sign}int{bits}' for sign in ('', 'u') for bits in (8, 16, 32, 64)]
-)
+_INTEGERS = [f'{sign}int{bits}' for sign in ('', 'u') for bits in (8, 16, 32, 64)]
+_NUMBERS = {'bool': 'uint8', 'byte': 'uint8', 'char': 'uint8'}
+_NUMBERS |= {name: name for name in ('float32', 'float64', *_INTEGERS)}
 
 
 @dataclass(frozen=True)
@@ -160,8 +159,7 @@ class Field:
     @property
     def number(self) -> str | None:
         """NumPy's name of the type of a number, else None."""
-        name = _ALIASES.get(self.kind, self.kind)
-        return name if name in _NUMBERS else None
+        return _NUMBERS.get(self.kind)
 
 
 def fields_of(types: Typestore, type_name: str) -> tuple[Field, ...]:
