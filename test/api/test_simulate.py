@@ -100,31 +100,24 @@ def test_the_package_offers_what_the_module_offers():
     assert set(dir(rpms_ros)) == {*api.__all__, '__version__'}
     for name in api.__all__:
         assert getattr(rpms_ros, name) is getattr(api, name)
-
-
-def test_another_name_is_not_there():
     with pytest.raises(AttributeError, match="'rpms_ros' has no attribute 'laod'"):
         rpms_ros.laod  # type: ignore[attr-defined]  # noqa: B018
 
 
-def modules_after(code):
-    """Return what a fresh interpreter has loaded after some code."""
-    code += '\nimport sys; print(*sys.modules)'
-    done = subprocess.run(
-        [sys.executable, '-c', code], capture_output=True, text=True, check=True, timeout=250
-    )
-    return set(done.stdout.split())
-
-
-def test_importing_the_package_loads_next_to_nothing():
-    assert not {'numpy', 'scipy', 'numba', 'matplotlib'} & modules_after('import rpms_ros')
-
-
-def test_the_api_loads_neither_ros_nor_what_only_unix_has():
-    loaded = modules_after('import rpms_ros.api')
-    roots = {name.partition('.')[0] for name in loaded}
-    assert not {'rclpy', 'rpms_msgs', 'pandas', 'pyarrow', 'serial'} & roots
-    assert not {'rpms_ros.nodes', 'rpms_ros.cli'} & loaded
+@pytest.mark.parametrize(
+    ('imported', 'absent'),
+    [
+        ('rpms_ros', {'numpy', 'scipy', 'numba', 'matplotlib'}),
+        # neither ROS nor what only Unix has
+        ('rpms_ros.api', {'rclpy', 'rpms_msgs', 'pandas', 'pyarrow', 'serial'}),
+    ],
+)
+def test_importing_loads_no_more_than_is_needed(imported, absent):
+    command = [sys.executable, '-c', f'import {imported}, sys; print(*sys.modules)']
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=250)
+    loaded = done.stdout.split()
+    assert not absent & {name.partition('.')[0] for name in loaded}
+    assert not {'rpms_ros.nodes', 'rpms_ros.cli'} & set(loaded)
 
 
 @pytest.mark.parametrize('one', [*FUNCTIONS, *METHODS], ids=lambda one: one.__qualname__)

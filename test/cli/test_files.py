@@ -216,17 +216,11 @@ def table(place, name):
 
 def test_every_number_is_there_with_all_of_its_digits(rpms, session):
     place, before = exported(rpms, session), read_recording(session)
+    forces, pulses = before.forces, before.pulses
+    train = {'intensity': pulses.intensity, 'width_s': pulses.width, 'sequence': pulses.sequence}
     for name, expected in (
-        ('force', {'stamp_ns': before.forces.stamp_ns, 'force_N': before.forces.force}),
-        (
-            'pulses',
-            {
-                'stamp_ns': before.pulses.onset_ns,
-                'intensity': before.pulses.intensity,
-                'width_s': before.pulses.width,
-                'sequence': before.pulses.sequence,
-            },
-        ),
+        ('force', {'stamp_ns': forces.stamp_ns, 'force_N': forces.force}),
+        ('pulses', {'stamp_ns': pulses.onset_ns, **train}),
     ):
         found = table(place, name)
         assert found.keys() == expected.keys()

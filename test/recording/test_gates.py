@@ -311,14 +311,6 @@ def session(first, sign=1.0):
     return pulses, ForceTrace(STAMP_NS[first:], force[first:])
 
 
-def late_table(path, first):
-    pulses, forces = session(first)
-    gate = np.isin(forces.stamp_ns, pulses.onset_ns).astype(float)
-    rows = np.column_stack((1e-9 * forces.stamp_ns, forces.force, gate))
-    np.savetxt(path, rows, delimiter=',', header='time,force,gate', comments='', fmt='%.6f')
-    return import_file(path, ImportOptions(time='time', force='force', pulse='gate'))
-
-
 @pytest.mark.parametrize('sign', [1.0, -1.0])
 @pytest.mark.parametrize(
     ('first', 'amid'), [(0, False), (480, False), (499, False), (5020, True), (8030, True)]
@@ -328,11 +320,14 @@ def test_a_beginning_amid_stimulation_is_seen(first, amid, sign):
 
 
 def test_nothing_is_learnt_from_the_force_of_pulses_that_are_not_in_the_file(tmp_path):
-    found = late_table(tmp_path / 'late.csv', 5020)
+    path, (pulses, forces) = tmp_path / 'late.csv', session(5020)
+    up = np.isin(forces.stamp_ns, pulses.onset_ns)
+    rows = np.column_stack((1e-9 * forces.stamp_ns, forces.force, up))
+    np.savetxt(path, rows, delimiter=',', header='time,force,gate', comments='', fmt='%.6f')
+    found = import_file(path, ImportOptions(time='time', force='force', pulse='gate'))
     assert found.pulses.sequence[0] == 1
     assert any('the force is not at rest there' in text for _, text in found.facts)
     # the intensities are not in the table
-    pulses = PULSES[PULSES.onset_ns >= STAMP_NS[5020]]
     known = PulseTrain(pulses.onset_ns, pulses.intensity, found.pulses.sequence, pulses.width)
     last = identify(estimator_by_name('batch'), known, found.forces).last
     truth = Subject().steady_force(CURVE_INTENSITY, RATE)

@@ -175,12 +175,8 @@ def written(path, arrivals, make):
 
 def order_of(recording):
     """Return the numbers of the messages as a replay would send them."""
-    pulses, forces = recording.pulses.onset_ns.tolist(), recording.forces.stamp_ns.tolist()
-    order: list[int] = []
-    for pulse, before in zip(pulses, recording.samples_before_pulse.tolist(), strict=True):
-        order += forces[len([n for n in order if n in forces]) : before]
-        order.append(pulse)
-    return order + [number for number in forces if number not in order]
+    forces, pulses = recording.forces.stamp_ns, recording.pulses.onset_ns
+    return np.insert(forces, recording.samples_before_pulse, pulses).tolist()
 
 
 arrivals = st.lists(st.tuples(st.booleans(), st.integers(0, 2**50)), max_size=30).map(
