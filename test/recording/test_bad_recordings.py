@@ -332,8 +332,7 @@ def test_a_recording_that_the_device_refused_has_no_end(tmp_path, monkeypatch):
         def write(self, _content):
             raise OSError(28, 'No space left on device')
 
-    writer._file._file.close()
-    with Full(path / 'bag_0.mcap', 'a') as full:
+    with writer._file._file, Full(path / 'bag_0.mcap', 'a') as full:
         monkeypatch.setattr(writer._file, '_file', full)
         writer.append(topic, 2, b'never written')
         with pytest.raises(RecordingError, match=r'expected room and permission .* No space left'):
