@@ -205,10 +205,10 @@ class RecordingWriter:
         """
         if self._file.closed:
             raise RecordingError(f'expected an open recording, got {self.path} that is closed')
-        count = self._topics[topic]['message_count']
-        data = cast(bytes, message)
-        self._writer.add_message(topic, time_ns, data, time_ns, count % 2**32)
-        self._topics[topic]['message_count'] = count + 1
+        entry = self._topics[topic]
+        number = entry['message_count'] % 2**32
+        self._writer.add_message(topic, time_ns, cast(bytes, message), time_ns, number)
+        entry['message_count'] += 1
         first, last = self._span_ns or (time_ns, time_ns)
         self._span_ns = min(first, time_ns), max(last, time_ns)
 
@@ -288,11 +288,12 @@ class _WholeWrites:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._file = path.open('xb', buffering=0)
-        self.tell, self.flush, self.close = self._file.tell, self._file.flush, self._file.close
+        self.tell, self.flush = self._file.tell, self._file.flush
+        self.closed = False
 
-    @property
-    def closed(self) -> bool:
-        return self._file.closed
+    def close(self) -> None:
+        self.closed = True
+        self._file.close()
 
     def write(self, content: bytes) -> int:
         begin = self._file.tell()
@@ -303,7 +304,7 @@ class _WholeWrites:
         except OSError as error:
             with suppress(OSError):
                 os.ftruncate(self._file.fileno(), begin)
-            self._file.close()
+            self.close()
             raise _refused(self._path.parent, error) from error
         return len(content)
 
