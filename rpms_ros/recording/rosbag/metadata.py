@@ -11,6 +11,7 @@ bounds how deep it calls itself.
 import hashlib
 import re
 from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -134,10 +135,9 @@ def write_checksums(folder: Path, names: Iterable[str]) -> None:
 
 def fits(path: Path, digest: str | None) -> bool:
     """Return whether a file can be read and has this SHA-256."""
-    try:
+    with suppress(OSError):
         return path.is_file() and sha256(path) == digest
-    except OSError:
-        return False
+    return False
 
 
 def read_checksums(folder: Path) -> dict[str, str] | None:
