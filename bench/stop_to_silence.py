@@ -67,7 +67,7 @@ use_fast_discovery()
 rclpy.init()
 node, executor = Node('client'), EventsExecutor()
 executor.add_node(node)
-ada = OperatorClient(node, 'ada', rate=100.0)
+ada = OperatorClient(node, 'ada')
 changes = node.create_client(ChangeState, 'stimulator_driver/change_state')
 told = []
 def lines():

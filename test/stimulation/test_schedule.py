@@ -341,7 +341,7 @@ def test_twitches_come_at_every_intensity_equally_often_and_shuffled():
 
 def test_trains_have_their_rates():
     groups = groups_of(trains().pulses())
-    rates = [round(group.levels[0].rate_hz) for group in groups if group.count > 4]
+    rates = [round(group.levels[0].rate_hz) for group in groups if group.last - group.first > 4]
     assert rates == [round(rate) for rate in TRAIN_RATES_HZ]
     assert [group.kind for group in groups[:3]] == [Kind.SINGLE] * 3
 
