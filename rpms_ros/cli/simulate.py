@@ -106,7 +106,7 @@ def run(arguments: argparse.Namespace) -> int:
     )
     subject = subject_by_name(arguments.subject, seed)
     of_units = arguments.muscle == 'ding'
-    if not of_units:
+    if arguments.muscle not in ('arctan', 'ding'):
         shape = replace(subject.recruitment, shape=arguments.muscle)
         subject = replace(subject, recruitment=shape.normalised())
     from_file = arguments.schedule not in simulating.SCHEDULES
