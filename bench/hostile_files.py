@@ -58,11 +58,7 @@ LONGEST_PROCESS = 1200.0
 DOCUMENTED = frozenset({0, 1, 2, 3})
 LAW = {'half_level': 3.0, 'facilitation': 0.3, 'time_constant': 25e-3, 'order': 3}
 DOCUMENTS = ('history law', 'scenario', 'device', 'patient', 'audit log')
-NAMES = (
-    *FORMATS,
-    *DOCUMENTS,
-    *('export', 'checksums', 'result'),
-)
+NAMES = (*FORMATS, *DOCUMENTS, *('export', 'checksums', 'result'))
 
 
 class Kind(NamedTuple):
@@ -143,7 +139,7 @@ def document(name: str, folder: Path) -> Kind:
         path.write_text(str(patient.__doc__).partition('\n\n')[2])
         load = partial(patient.load_patient, path)
     else:
-        with ChainedFile(path, AUDIT_LOG) as audit:
+        with contextlib.closing(ChainedFile(path, AUDIT_LOG)) as audit:
             for number in range(5):
                 audit.append('refusal', {'limit': 'maximum_rate_hz', 'pulse': number})
         return Kind((path,), lambda: rpms(['audit', str(path)]))

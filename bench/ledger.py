@@ -9,6 +9,7 @@ import argparse
 import sys
 import tempfile
 import time
+from contextlib import closing
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
@@ -35,7 +36,7 @@ def kills(count: int, pulses: int, folder: Path) -> bool:
 
 
 def reservations(count: int, folder: Path) -> None:
-    with DoseLedger(folder, 'coil', 'P01') as ledger:
+    with closing(DoseLedger(folder, 'coil', 'P01')) as ledger:
         took = []
         for _ in range(count):
             plan = [BookedPulse(time.monotonic_ns(), 0.45, 51.03)] * BATCH

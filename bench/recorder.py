@@ -139,8 +139,7 @@ def start_recorder(path: Path, domain: int) -> subprocess.Popen[bytes]:
     code = 'import sys; from rpms_ros.nodes.recorder import main; sys.exit(main())'
     arguments = ['--ros-args', '-p', f'path:={path}']
     return subprocess.Popen(
-        [sys.executable, '-c', code, *arguments],
-        env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
+        [sys.executable, '-c', code, *arguments], env={**os.environ, 'ROS_DOMAIN_ID': str(domain)}
     )
 
 

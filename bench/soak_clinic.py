@@ -35,11 +35,7 @@ SCHEDULE = (
 NAMESPACE = 'clinic'
 RATE = 100.0
 # A process that also simulates an hour may stall for longer than the defaults allow.
-_PATIENT = {
-    'stop_button_timeout': 5.0,
-    'heartbeat_timeout': 5.0,
-    'lateness_limit': 0.1,
-}
+_PATIENT = {'stop_button_timeout': 5.0, 'heartbeat_timeout': 5.0, 'lateness_limit': 0.1}
 _STOP_SHARE, _RESTART_SHARE = 0.2, 0.2
 _KEY_PERIOD_S, _ASK_PERIOD_S = 0.1, 5.0
 

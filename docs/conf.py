@@ -23,12 +23,7 @@ author = 'rpms_ros contributors'
 copyright = author  # noqa: A001
 version = release = rpms_ros.__version__
 
-extensions = [
-    'myst_nb',
-    'sphinx.ext.autodoc',
-    'sphinx.ext.napoleon',
-    'sphinx_copybutton',
-]
+extensions = ['myst_nb', 'sphinx.ext.autodoc', 'sphinx.ext.napoleon', 'sphinx_copybutton']
 exclude_patterns = ['reproduction']
 root_doc = 'index'
 

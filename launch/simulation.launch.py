@@ -16,11 +16,7 @@ ARGUMENTS = (
     ('subject', '', f'Preset of the muscle. {AS_THE_FILES_SAY}'),
     ('scenario', '', 'What happens in the session: a name or a YAML file.'),
     ('quantity', '', f'What the sensor measures: force or torque. {AS_THE_FILES_SAY}'),
-    (
-        'schedule',
-        '',
-        'YAML file, run once everybody listens. Empty: a goal is waited for.',
-    ),
+    ('schedule', '', 'YAML file, run once everybody listens. Empty: a goal is waited for.'),
 )
 
 

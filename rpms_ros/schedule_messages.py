@@ -22,12 +22,7 @@ from rpms_ros.stimulation.schedule.description import (
     segment_from_mapping,
     segment_to_mapping,
 )
-from rpms_ros.stimulation.schedule.fields import (
-    DescriptionError,
-    bounded_names,
-    build,
-    read_text,
-)
+from rpms_ros.stimulation.schedule.fields import DescriptionError, bounded_names, build, read_text
 from rpms_ros.stimulation.schedule.schedule import LONGEST_NAME, Repeat, Schedule, Segment
 from rpms_ros.strict_yaml import MOST_NODES
 

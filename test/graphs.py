@@ -92,11 +92,7 @@ class Graph:
 
 def private_domain() -> AbstractContextManager[int]:
     """Return a context with a DDS domain that nobody else uses on this machine meanwhile."""
-    from rpms_ros.nodes.common.runner import (
-        free_domain,
-        stay_on_this_machine,
-        use_fast_discovery,
-    )
+    from rpms_ros.nodes.common.runner import free_domain, stay_on_this_machine, use_fast_discovery
 
     use_fast_discovery()
     stay_on_this_machine()

@@ -13,6 +13,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import closing
 from pathlib import Path
 from typing import NamedTuple
 
@@ -52,7 +53,7 @@ def stimulate(folder: Path, pulses: int, seed: int) -> int:
     """Reserve, fire and give back at random until the dose is given."""
     chance = random.Random(seed)
     fired = os.open(folder / 'fired', os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
-    with DoseLedger(folder / 'ledgers', 'coil', 'P01', dose_of(pulses)) as ledger:
+    with closing(DoseLedger(folder / 'ledgers', 'coil', 'P01', dose_of(pulses))) as ledger:
         print('open', flush=True)
         while True:
             count = chance.randrange(1, 12)
@@ -97,7 +98,7 @@ def kill_repeatedly(folder: Path, kills: int, pulses: int, seed: int = 0) -> Tal
         assert process.returncode in (EXHAUSTED, -signal.SIGKILL)
     notes = folder / 'fired'
     energies = [float(line) for line in notes.read_text().split()] if notes.exists() else []
-    with DoseLedger(folder / 'ledgers', 'coil', 'P01', dose_of(pulses)) as ledger:
+    with closing(DoseLedger(folder / 'ledgers', 'coil', 'P01', dose_of(pulses))) as ledger:
         counted = ledger.totals()
     return Tally(killed, exhausted, len(energies), counted.pulses, sum(energies), counted.energy_j)
 

@@ -14,12 +14,7 @@ from rpms_ros.errors import ReportError
 from rpms_ros.identification import IdentifiedSession
 from rpms_ros.identification.quality.explained_force import Stated
 from rpms_ros.identification.quality.verdict import Verdict
-from rpms_ros.report.result import (
-    Curve,
-    IdentificationResult,
-    ImpulseResponse,
-    result_rows,
-)
+from rpms_ros.report.result import Curve, IdentificationResult, ImpulseResponse, result_rows
 from rpms_ros.report.text import labelled
 from rpms_ros.schema import plain
 

@@ -11,14 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rpms_ros.cli.files import add_signal_options
-from rpms_ros.cli.options import (
-    Subparsers,
-    add_command,
-    add_reading_options,
-    progress,
-    read,
-    warn,
-)
+from rpms_ros.cli.options import Subparsers, add_command, add_reading_options, progress, read, warn
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, ForceTrace, PulseTrain
 from rpms_ros.report.text import write_text
 

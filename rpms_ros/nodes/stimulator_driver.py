@@ -44,11 +44,7 @@ from rpms_ros.nodes.driver.parameters import (
     patience_s,
     session_of,
 )
-from rpms_ros.nodes.driver.reports import (
-    DriverAudit,
-    DriverReports,
-    PulsePublisher,
-)
+from rpms_ros.nodes.driver.reports import DriverAudit, DriverReports, PulsePublisher
 from rpms_ros.nodes.driver.watch import WATCH_TIMEOUT_S, DriverWatch
 from rpms_ros.stimulation import Schedule, load_schedule
 from rpms_ros.stimulation.driver.authority import AUTHORITY, Authority

@@ -91,9 +91,7 @@ class RecordedMessages:
 
 
 def recorded_messages(
-    path: Path | str,
-    memory: int | None = None,
-    only: tuple[str, ...] = _TYPES,
+    path: Path | str, memory: int | None = None, only: tuple[str, ...] = _TYPES
 ) -> RecordedMessages:
     """Return the messages of an identifier and a driver in a recording.
 

@@ -265,8 +265,7 @@ class IdentificationResult:
         'standard deviation of each parameter that the data determine', default=None
     )
     physiology: dict[str, Stated] | None = documented(
-        'informed numbers of the twitch; the unit is part of the name',
-        default=None,
+        'informed numbers of the twitch; the unit is part of the name', default=None
     )
     dynamics: TrainDynamics | None = documented(
         'trains of one intensity at their own rate; null where there is a curve, or no train',
@@ -316,9 +315,7 @@ class IdentificationResult:
 
 
 def result_of(
-    recording: Recording,
-    session: IdentifiedSession,
-    expected_force: float = EXPECTED_FORCE,
+    recording: Recording, session: IdentifiedSession, expected_force: float = EXPECTED_FORCE
 ) -> IdentificationResult:
     """Return the result of a session; intervals and physiology if the estimator offers them.
 

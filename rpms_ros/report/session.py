@@ -35,11 +35,7 @@ from rpms_ros.report.residuals import (
     boundary,
     held_out_fit,
 )
-from rpms_ros.report.result import (
-    NOT_A_TWITCH,
-    IdentificationResult,
-    replayed,
-)
+from rpms_ros.report.result import NOT_A_TWITCH, IdentificationResult, replayed
 from rpms_ros.schema import internal, plain
 
 # Share of the time at the end whose a-priori residuals are analysed.

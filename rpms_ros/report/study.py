@@ -38,8 +38,6 @@ from rpms_ros.report.result import (
 from rpms_ros.schema import plain
 
 Row = dict[str, Any]
-# There is a process for each processor already: threads in each would only compete.
-_THREADS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS', 'NUMBA_NUM_THREADS')
 _ENDS = ('', '_lower', '_upper')
 _CURVE_SHOWN = (25, 50, 75, 100)
 _TRAIN_INTERVALS = ('onset_s', 'twitch_time_constant_s', 'latency_s')
@@ -176,8 +174,6 @@ def finished(
 def _pool(count: int) -> Executor:
     if count == 1:
         return ThreadPoolExecutor(1)
-    for name in _THREADS:
-        os.environ.setdefault(name, '1')
     # Fresh interpreters: a fork would copy locks that threads of this process hold.
     return ProcessPoolExecutor(count, get_context('spawn'))
 

@@ -3,6 +3,7 @@
 """`rpms audit`: what it says of whole, broken and cut files."""
 
 import time
+from contextlib import closing
 
 import pytest
 
@@ -17,7 +18,7 @@ def path(tmp_path):
 
 
 def write(path):
-    with ChainedFile(path, AUDIT_LOG) as log:
+    with closing(ChainedFile(path, AUDIT_LOG)) as log:
         log.append('session', {'who': 'operator-a', 'device': 'rapid2-240v', 'patient': 'P01'})
         log.append('limits', {'figures': {'maximum_intensity': 0.55, 'maximum_rate_hz': 50.0}})
         log.append('arm', {'who': 'operator-a'})
@@ -70,7 +71,7 @@ def test_a_log_cut_off_by_a_kill(path, rpms):
 
 
 def test_a_ledger_is_verified_too(tmp_path, rpms):
-    with DoseLedger(tmp_path, 'coil', 'P01') as ledger:
+    with closing(DoseLedger(tmp_path, 'coil', 'P01')) as ledger:
         pulses = [BookedPulse(time.monotonic_ns(), 0.5, 10.0)] * 4
         ledger.take(ledger.reserve(pulses)[0])
     path = tmp_path / 'patient-p01.ledger'

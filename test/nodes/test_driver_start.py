@@ -3,6 +3,7 @@
 """What a driver is started with, and the whole of it on a serial line: node, guard, instrument."""
 
 import time
+from contextlib import closing
 
 import pytest
 from lifecycle_msgs.msg import Transition
@@ -156,16 +157,14 @@ def test_the_guard_holds_the_tightest_bound_of_device_patient_and_parameter(
     assert device._line.limits.maximum_percent == percent
 
 
-def test_the_ledger_of_a_device_is_known_by_its_serial_number_whatever_its_port_is_called(
-    real,
-):
+def test_the_ledger_of_a_device_is_known_by_its_serial_number_whatever_its_port_is_called(real):
     def opened(port, **others):
         settings = DriverParameters(**{**real, 'port': port, **others})
         return ledger_of(settings, session_of(settings))
 
-    with opened('/dev/ttyUSB0') as ledger:
+    with closing(opened('/dev/ttyUSB0')) as ledger:
         ledger.take(ledger.reserve([BookedPulse(time.monotonic_ns(), 0.1, 2.0)])[0])
-    with opened('/dev/serial/by-id/usb-stimulator') as ledger:
+    with closing(opened('/dev/serial/by-id/usb-stimulator')) as ledger:
         assert ledger.device == '0815'
         assert len(ledger.history(time.monotonic_ns())) == 1
     with pytest.raises(StimulationError, match=r"serial_number in .*, got none in 'rapid2-240v'"):

@@ -23,9 +23,7 @@ from rpms_ros.report.residuals import (
     ljung_box,
     stimulation_at,
 )
-from rpms_ros.report.session import (
-    headline_of,
-)
+from rpms_ros.report.session import headline_of
 from rpms_ros.schema import plain
 
 START_NS = 1_700_000_000_000_000_000

@@ -4,6 +4,7 @@
 
 import itertools
 import json
+from contextlib import closing
 
 import pytest
 
@@ -17,7 +18,7 @@ def path(tmp_path):
 
 
 def filled(path, count=3):
-    with ChainedFile(path, AUDIT_LOG) as log:
+    with closing(ChainedFile(path, AUDIT_LOG)) as log:
         for number in range(count):
             log.append('refusal', {'who': 'operator', 'limit': 'maximum_rate_hz', 'pulse': number})
     return path.read_bytes().splitlines(keepends=True)
@@ -41,7 +42,7 @@ def test_every_line_is_json_with_number_time_and_boot_and_chained(path):
 
 
 def test_a_log_that_is_removed_takes_nothing_more_and_a_look_finds_it(path):
-    with ChainedFile(path, AUDIT_LOG) as log:
+    with closing(ChainedFile(path, AUDIT_LOG)) as log:
         log.look()
         path.unlink()
         with pytest.raises(StimulationError, match=r'expected a writable .*No such file'):
@@ -119,7 +120,7 @@ def test_a_file_of_another_kind_is_refused(path):
 
 
 def test_anything_printable_or_not_is_kept_and_what_json_cannot_hold_is_refused(path):
-    with ChainedFile(path, AUDIT_LOG) as log:
+    with closing(ChainedFile(path, AUDIT_LOG)) as log:
         log.append('refusal', {'reason': '\ud800\n\x00"'})
         for wrong in (float('nan'), object()):
             with pytest.raises(StimulationError, match='expected a record that JSON can hold'):

@@ -3,6 +3,7 @@
 """Books that outlive a run, a driver and a kill: reservations, rest, warmth of the coil."""
 
 import os
+from contextlib import closing
 
 import pytest
 
@@ -154,14 +155,14 @@ def test_what_has_to_be_on_the_disk_is_synced_before_the_call_returns(tmp_path, 
 
     noted('write', os.write)
     noted('fsync', os.fsync)
-    with DoseLedger(tmp_path, 'device', 'P01') as ledger:
+    with closing(DoseLedger(tmp_path, 'device', 'P01')) as ledger:
         calls.clear()
         ledger.reserve([BookedPulse(SECOND, 0.5, 1.0)])
         device, patient = dict.fromkeys(file for _, file in calls)
         assert calls == [
             ('write', device), ('fsync', device), ('write', patient), ('fsync', patient),
         ]  # fmt: skip
-    with ChainedFile(tmp_path / 'audit.jsonl', AUDIT_LOG) as log:
+    with closing(ChainedFile(tmp_path / 'audit.jsonl', AUDIT_LOG)) as log:
         calls.clear()
         log.append('arm', {})
         assert [name for name, _ in calls] == ['write', 'fsync']
@@ -189,7 +190,7 @@ def test_ledger_that_cannot_be_written_is_a_fault(virtual):
 
 def test_a_ledger_that_is_removed_in_a_train_is_a_fault_and_ends_it(virtual, tmp_path):
     clocks = Clocks(lambda: SECOND, lambda: SECOND)
-    with DoseLedger(tmp_path, 'device', 'patient', clocks=clocks) as ledger:
+    with closing(DoseLedger(tmp_path, 'device', 'patient', clocks=clocks)) as ledger:
         driver = virtual(ledger=ledger).armed()
         driver.controller.start(TRAIN)
         driver.advance(1.0)

@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import textwrap
+from contextlib import closing
 
 import pytest
 
@@ -394,7 +395,7 @@ def test_a_full_disk_is_an_error_and_what_was_reserved_before_counts(tmp_path):
     assert reserved > 0
     assert 'expected a writable' in first
     assert 'expected a working ledger, got' in second
-    with DoseLedger(tmp_path, 'coil-1', 'P01') as ledger:
+    with closing(DoseLedger(tmp_path, 'coil-1', 'P01')) as ledger:
         # the last one, which was refused, counts as far as it can be read
         assert reserved <= len(ledger.history(0)) <= reserved + 7
 

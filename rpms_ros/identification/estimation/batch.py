@@ -39,11 +39,7 @@ from rpms_ros.identification.estimation.window_fit import (
 )
 from rpms_ros.identification.model.estimate import DEFAULT_RATE, Estimate
 from rpms_ros.identification.model.recruitment import NONLINEAR
-from rpms_ros.identification.quality.doubts import (
-    NO_CONSTANT_MUSCLE,
-    RESPONSE_MISFIT,
-    doubted,
-)
+from rpms_ros.identification.quality.doubts import NO_CONSTANT_MUSCLE, RESPONSE_MISFIT, doubted
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, nanoseconds
 
 _FIRST_FIT_NS = NANOSECONDS_PER_SECOND
@@ -94,9 +90,7 @@ class BatchEstimator(ProjectionEstimator):
     on_line = False
 
     def __init__(
-        self,
-        settings: ProjectionSettings | None = None,
-        rate_hz: float = DEFAULT_RATE,
+        self, settings: ProjectionSettings | None = None, rate_hz: float = DEFAULT_RATE
     ) -> None:
         super().__init__(settings, rate_hz)
         self.unexplained = np.empty((0, 2))

@@ -408,12 +408,7 @@ class ChangeWatch:
         return large and (self._in_vain <= _IN_VAIN or self._in_vain % _IN_VAIN == 0)
 
     def _best(
-        self,
-        problem: Problem,
-        window: Window,
-        prior: Knowledge,
-        alert: Alert,
-        stride: int = 1,
+        self, problem: Problem, window: Window, prior: Knowledge, alert: Alert, stride: int = 1
     ) -> Explanation | None:
         """Return the change that explains the newest samples best, if the odds decide.
 

@@ -25,11 +25,7 @@ from rpms_ros.identification.estimation.intake import (
     squared_recruitment,
 )
 from rpms_ros.identification.estimation.prior import FittedMuscle, Knowledge, knowledge_of
-from rpms_ros.identification.estimation.settings import (
-    Baseline,
-    Problem,
-    ProjectionSettings,
-)
+from rpms_ros.identification.estimation.settings import Baseline, Problem, ProjectionSettings
 from rpms_ros.identification.estimation.uncertainty import (
     Counters,
     EstimateBuilder,

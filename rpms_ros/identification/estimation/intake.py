@@ -338,11 +338,7 @@ class RawSamples:
         self._pulses = here.stop
 
     def add(
-        self,
-        stamp_ns: IntArray,
-        force: FloatArray,
-        tremor: FloatArray | float,
-        usable: BoolArray,
+        self, stamp_ns: IntArray, force: FloatArray, tremor: FloatArray | float, usable: BoolArray
     ) -> None:
         """Add the usable ones of ascending samples (samples,), and the tremor in their force."""
         last = int(self._stamp_ns[self._size - 1]) if self._size else -(2**62)
@@ -408,11 +404,7 @@ class RawSamples:
         return problem, intake, pending
 
     def rest(
-        self,
-        basis: LaguerreBasis,
-        theta: FloatArray,
-        linear: FloatArray,
-        first_ns: int = -(2**62),
+        self, basis: LaguerreBasis, theta: FloatArray, linear: FloatArray, first_ns: int = -(2**62)
     ) -> tuple[IntArray, FloatArray, FloatArray]:
         """Return stamps [ns], measured force [N] and what a muscle leaves of it [N] (samples,).
 
@@ -461,11 +453,7 @@ class RawSamples:
         return result
 
     def _into_blocks(
-        self,
-        basis: LaguerreBasis,
-        muscle: Predictor,
-        first_ns: int,
-        capacity: int | None,
+        self, basis: LaguerreBasis, muscle: Predictor, first_ns: int, capacity: int | None
     ) -> tuple[Problem, Intake, int, FloatArray]:
         """See `condensed`; and the force of the muscle at the samples."""
         low = int(np.searchsorted(self._stamp_ns[: self._size], first_ns))

@@ -32,12 +32,7 @@ from rpms_ros.identification.estimation.window_equations import (
 )
 from rpms_ros.identification.model.basis import LaguerreBasis, conversion
 from rpms_ros.identification.model.estimate import Estimator
-from rpms_ros.identification.model.recruitment import (
-    DEVIATION,
-    NONLINEAR,
-    PARAMETERS,
-    coordinates,
-)
+from rpms_ros.identification.model.recruitment import DEVIATION, NONLINEAR, PARAMETERS, coordinates
 from rpms_ros.pulses import FloatArray
 from rpms_ros.schema import documented
 
@@ -86,11 +81,7 @@ class Terms(NamedTuple):
 
 @numba.njit(cache=True)
 def added(
-    terms: Terms,
-    scales: FloatArray,
-    variance: FloatArray,
-    matrix: FloatArray,
-    right: FloatArray,
+    terms: Terms, scales: FloatArray, variance: FloatArray, matrix: FloatArray, right: FloatArray
 ) -> tuple[float, float]:
     """Add what is known to the equations of x; return its cost and its log-determinant.
 

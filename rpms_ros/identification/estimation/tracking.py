@@ -169,7 +169,7 @@ def follows_intensity(problem: Problem, fit: WindowFit, full: float) -> bool:
 def _leaves_alike(fit: WindowFit) -> bool:
     """Tell whether neighbouring residuals are alike, and more than the model's own error."""
     left = fit.misfit * fit.weighting_variance
-    return fit.inflation > _DOUBTED_INFLATION and left > 0.5 * fit.variance
+    return fit.inflation > _DOUBTED_INFLATION * fit.colour and left > 0.5 * fit.variance
 
 
 def _level_deviation(fit: WindowFit, now: float) -> float:
@@ -233,6 +233,46 @@ _TRIAL_STEPS = 5
 _DECISION = 3.0
 
 
+# Of the noise of a sensor: between what an effort, a tremor or the muscle does and the corner of a
+# filter [Hz]; above this ratio of second differences it is not white.  Outside these shares of the
+# force's power it is the model's own error, or that of a muscle which is not known yet.
+_COLOUR_NS = 4 * NANOSECONDS_PER_SECOND
+_LOW_HZ, _HIGH_HZ = 13.0, 27.0
+_SMOOTH, _LEAST_NOISE, _MOST_NOISE = 1.5, 1e-6, 1e-3
+_LEAST_COLOUR_SAMPLES = 500
+
+
+def noise_colour(stamp_ns: IntArray, force: FloatArray, rest: FloatArray, before: float) -> float:
+    """Return by how much noise is stronger where the muscle moves than in the mean; at least 1.
+
+    Behind a low-pass neighbouring samples tell the same.  Taken as white, such noise is too strong
+    at low frequencies and would pass for an effort of the patient.
+
+    Parameters
+    ----------
+    stamp_ns : ndarray of int64 (samples,)
+        Of samples that come about evenly [ns].
+    force, rest : ndarray (samples,)
+        Measured, and what the muscle leaves of it [N].
+    before : float
+        What is returned where these samples do not tell.
+    """
+    if len(rest) < _LEAST_COLOUR_SAMPLES:
+        return before
+    near = np.mean(np.diff(rest, 2) ** 2)
+    far = np.mean((rest[4:] - 2.0 * rest[2:-2] + rest[:-4]) ** 2)
+    if far < _SMOOTH * near:
+        return 1.0
+    spectrum, whole = np.abs(np.fft.rfft(np.hanning(len(rest)) * np.stack((rest, force)))) ** 2
+    hertz = np.arange(len(whole)) / (1e-9 * float(stamp_ns[-1] - stamp_ns[0]))
+    beyond = spectrum[hertz > _LOW_HZ]
+    if not _LEAST_NOISE * whole.sum() < beyond.sum() < _MOST_NOISE * whole.sum():
+        return before
+    # the median of an exponential distribution, which lines do not move
+    between = np.median(spectrum[(hertz > _LOW_HZ) & (hertz < _HIGH_HZ)]) / math.log(2.0)
+    return max(1.0, float(between / np.mean(beyond)))
+
+
 class Multistart:
     """Tries other starts, in turn.
 
@@ -257,7 +297,7 @@ class Multistart:
         if length_ns > _OFTEN_NS and self._turn % _RESTS:
             return
         other = fresh_fit(self._starts[self._turn // _RESTS], len(fit.point.linear))
-        other.variance, other.inflation = fit.variance, fit.inflation
+        other.variance, other.inflation, other.colour = fit.variance, fit.inflation, fit.colour
         mine = replace(fit)
         if not steps_at_fixed_scales(problem, other, knowledge, window, _TRIAL_STEPS):
             return
@@ -351,9 +391,7 @@ class TrackingEstimator(ProjectionEstimator):
     name = 'tracking'
 
     def __init__(
-        self,
-        settings: TrackingSettings | None = None,
-        rate_hz: float = DEFAULT_RATE,
+        self, settings: TrackingSettings | None = None, rate_hz: float = DEFAULT_RATE
     ) -> None:
         settings = settings if settings is not None else TrackingSettings()
         seconds = settings.window + LONGEST_BASIS.duration
@@ -479,7 +517,11 @@ class TrackingEstimator(ProjectionEstimator):
         self._follow_tremor()
         if not self._holds_samples():
             return
-        basis = self._basis
+        basis, fit = self._basis, self._window
+        if self._choose and fit.variance > 0.0:
+            since_ns = self._now_ns - _COLOUR_NS
+            rest = self._raw.rest(basis, fit.point.theta, fit.point.linear, since_ns)
+            fit.colour = noise_colour(*rest, fit.colour)
         self._choose_basis()
         window = self._span()
         self._look_for_change(window)
@@ -529,7 +571,7 @@ class TrackingEstimator(ProjectionEstimator):
         if not explained.tremor and first_ns < self._compared_from():
             # of the earlier disturbance the fit of the newest samples says nothing
             fit.point = fit.point._replace(theta=found.point.theta, linear=found.point.linear)
-            if fit.inflation > _ALIKE:
+            if fit.inflation > _ALIKE * fit.colour:
                 fit.scales, fit.variance, fit.inflation = found.scales, found.variance, 1.0
             return
         fit.point = found.point
@@ -553,6 +595,7 @@ class TrackingEstimator(ProjectionEstimator):
             return
         self._from_before = window.now_ns - int(acting_ns[0]) < _DOUBTED_NS
         alone = fresh_fit(self._window.point.theta, self._basis.functions)
+        alone.colour = self._window.colour
         prior = self._of_any_shape(self._prior)
         gauss_newton_steps(self._problem, alone, prior, window, _FIRST_STEPS)
         if self._knowledge.contradicted(self._window, alone):
@@ -703,7 +746,7 @@ class TrackingEstimator(ProjectionEstimator):
         if not self._choose or self._watch.deliberating or not len(self._acting_ns()):
             return
         fit = self._window
-        misfit = fit.inflation > _ALIKE or fit.scales.disturbance >= LIVELY
+        misfit = fit.inflation > _ALIKE * fit.colour or fit.scales.disturbance >= LIVELY
         search = self._schedule.due(self._now_ns, misfit)
         if search is None:
             return
@@ -718,7 +761,7 @@ class TrackingEstimator(ProjectionEstimator):
         self._basis_spread = choice.spread(found)
         explained = choice.explained(found)
         quieter = explained.fit.scales.disturbance < LIVELY <= fit.scales.disturbance
-        freed = explained.fit.inflation < _ALIKE < fit.inflation
+        freed = explained.fit.inflation < _ALIKE * fit.colour < fit.inflation
         if found != self._basis or explained.tremor or quieter or freed:
             self._adopt(explained, found)
 

@@ -48,11 +48,7 @@ from rpms_ros.identification.estimation.normal_equations import (
     correlate,
 )
 from rpms_ros.identification.estimation.settings import Baseline, Problem
-from rpms_ros.identification.model.recruitment import (
-    NONLINEAR,
-    counted,
-    counted_with_gradient,
-)
+from rpms_ros.identification.model.recruitment import NONLINEAR, counted, counted_with_gradient
 from rpms_ros.pulses import FloatArray, IntArray
 
 # Of the exponential series: the time constant changes by less than a factor of 2.
@@ -371,12 +367,7 @@ def at_ages(knots: FloatArray, position: FloatArray) -> FloatArray:
 
 @numba.njit(cache=True)
 def _add_now(
-    gram: FloatArray,
-    rest: FloatArray,
-    gain: float,
-    index: int,
-    local: int,
-    equations: Equations,
+    gram: FloatArray, rest: FloatArray, gain: float, index: int, local: int, equations: Equations
 ) -> None:
     """Add theta, w and the disturbance of an interval; `rest` is what is left of the samples."""
     for row in range(local):

@@ -288,6 +288,8 @@ class WindowFit:
         Logarithm of that of the samples at the last step's x, the disturbance integrated out.
     most_inflation : float
         Limit of `inflation` where samples are weighted by it.
+    colour : float
+        By how much the noise of the sensor is stronger where the muscle moves than in the mean.
     damping : float
         Of the next step of theta.
     residual_spread : float
@@ -308,6 +310,7 @@ class WindowFit:
     misfit: float = 1.0
     likelihood: float = -math.inf
     most_inflation: float = _MOST_INFLATION
+    colour: float = 1.0
     damping: float = 0.0
     residual_spread: float = 0.0
 
@@ -318,7 +321,7 @@ class WindowFit:
         The factor of correlation is limited: if residuals are correlated because a scale is too
         small, the samples must keep enough weight to show it.
         """
-        return self.variance * min(self.inflation, self.most_inflation)
+        return self.variance * max(min(self.inflation, self.most_inflation), self.colour)
 
     @property
     def shows_response(self) -> bool:
@@ -464,8 +467,7 @@ class _Solution:
         """Return the cost with theta as it is and all else at its best, and the step to it."""
         step = np.zeros_like(self.step)
         step[NONLINEAR:], gained, _ = _solved(
-            np.ascontiguousarray(self.hessian[NONLINEAR:, NONLINEAR:]),
-            self.right[NONLINEAR:],
+            np.ascontiguousarray(self.hessian[NONLINEAR:, NONLINEAR:]), self.right[NONLINEAR:]
         )
         return self.here - gained, step
 
@@ -721,11 +723,7 @@ def _refresh_noise(fit: WindowFit, at: Linearised, before: Point, window: Window
 
 
 def _accept(
-    fit: WindowFit,
-    at: Linearised,
-    solution: _Solution,
-    step: FloatArray,
-    covariance: FloatArray,
+    fit: WindowFit, at: Linearised, solution: _Solution, step: FloatArray, covariance: FloatArray
 ) -> None:
     """Go where a step leads."""
     fit.point = moved(at.point, step)
@@ -733,7 +731,7 @@ def _accept(
     fit.moved = step[:NONLINEAR]
     fit.levels = disturbance_at(solution.reduced, step)
     fit.first = int(at.intervals.first[0])
-    fit.covariance = covariance * max(1.0, fit.inflation / _MOST_INFLATION)
+    fit.covariance = covariance * max(1.0, fit.inflation / max(fit.colour, _MOST_INFLATION))
     fit.level_deviation = math.sqrt(1.0 / float(solution.reduced.factor[-1, -1]))
     fit.evidence = solution.evidence
     fit.misfit = solution.left / at.samples

@@ -33,10 +33,6 @@ def _empty() -> FloatArray:
     return np.empty(0)
 
 
-def _no_flags() -> IntArray:
-    return np.empty(0, dtype=np.int64)
-
-
 @dataclass(frozen=True)
 class Estimate:
     """Estimate of a muscle; arrays that an estimator does not offer are empty.
@@ -110,7 +106,9 @@ class Estimate:
     damping: float = 0.0
     condition_number: float = 0.0
     nonlinear_covariance: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
-    nonlinear_identifiability: IntArray = field(default_factory=_no_flags)
+    nonlinear_identifiability: IntArray = field(
+        default_factory=lambda: np.empty(0, dtype=np.int64)
+    )
     curve_lower: FloatArray = field(default_factory=_empty)
     curve_upper: FloatArray = field(default_factory=_empty)
     response_lower: FloatArray = field(default_factory=_empty)
@@ -173,12 +171,7 @@ class Estimator(Protocol):
     def forget_pulses(self) -> None:
         """Drop the pulses that still act: the clock has jumped, their lag is unknown."""
 
-    def update(
-        self,
-        stamp_ns: IntArray,
-        force: FloatArray,
-        usable: BoolArray,
-    ) -> FloatArray:
+    def update(self, stamp_ns: IntArray, force: FloatArray, usable: BoolArray) -> FloatArray:
         """Learn from samples (samples,), ascending, none before one that was already given.
 
         Every pulse up to the last stamp must have been added.  Samples that are not usable are

@@ -202,11 +202,7 @@ Minimise = Callable[[Any, Any, Any, Ending, bool], None]
 
 @numba.njit(cache=True, nogil=True)
 def _damped_step(
-    hessian: FloatArray,
-    gradient: FloatArray,
-    damping: float,
-    held: BoolArray,
-    step: FloatArray,
+    hessian: FloatArray, gradient: FloatArray, damping: float, held: BoolArray, step: FloatArray
 ) -> bool:
     """Solve for the steps (parameters,) that are not held, given those that are."""
     count = len(step)

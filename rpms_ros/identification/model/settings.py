@@ -51,13 +51,7 @@ class RecruitmentBounds:
         )
 
 
-_POSITIVE = (
-    'damping',
-    'damping_increment',
-    'hessian_scale',
-    'linear_covariance',
-    'force_scale',
-)
+_POSITIVE = ('damping', 'damping_increment', 'hessian_scale', 'linear_covariance', 'force_scale')
 SIMULATION_START = RecruitmentParameters(0.40, 0.90, 3.0)
 EXPERIMENT_START = RecruitmentParameters(0.40, 0.90, 10.0)
 
@@ -140,10 +134,7 @@ TABLE_4 = RecursiveSettings()
 """Simulated identification: Table 4, start [40 % 90 % 3]."""
 
 TABLE_5 = replace(
-    TABLE_4,
-    basis=DistortedSineBasis(form_factor=45.0),
-    start=EXPERIMENT_START,
-    forgetting=0.999,
+    TABLE_4, basis=DistortedSineBasis(form_factor=45.0), start=EXPERIMENT_START, forgetting=0.999
 )
 """Experimental identification: Table 5, start [40 % 90 % 10]."""
 

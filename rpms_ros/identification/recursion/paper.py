@@ -60,10 +60,7 @@ class ModifiedRecursiveLM:
     on_line = True
 
     def __init__(
-        self,
-        settings: RecursiveSettings = TABLE_4,
-        seed: int = 0,
-        rate_hz: float = DEFAULT_RATE,
+        self, settings: RecursiveSettings = TABLE_4, seed: int = 0, rate_hz: float = DEFAULT_RATE
     ) -> None:
         if not (math.isfinite(rate_hz) and rate_hz > 0):
             raise IdentificationError(f'expected a repetition rate above 0 Hz, got {rate_hz}')
@@ -111,12 +108,7 @@ class ModifiedRecursiveLM:
         scalars['force_energy'][0] = 0.0
         scalars['previous_ns'][0] = 0
 
-    def update(
-        self,
-        stamp_ns: IntArray,
-        force: FloatArray,
-        usable: BoolArray,
-    ) -> FloatArray:
+    def update(self, stamp_ns: IntArray, force: FloatArray, usable: BoolArray) -> FloatArray:
         """Learn from samples (samples,), ascending; return their a-priori prediction [N].
 
         See `rpms_ros.identification.model.estimate.Estimator.update`.

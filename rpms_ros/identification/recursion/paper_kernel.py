@@ -152,12 +152,7 @@ def workspace(functions: int, acting_pulses: int) -> Workspace:
 
 @numba.njit(cache=True)
 def basis_of_pulses(
-    stamp_ns: int,
-    onset_ns: IntArray,
-    first: int,
-    last: int,
-    shape: FloatArray,
-    values: FloatArray,
+    stamp_ns: int, onset_ns: IntArray, first: int, last: int, shape: FloatArray, values: FloatArray
 ) -> None:
     """Write the raw basis of pulses first..last-1 into rows 0.. of `values`.
 

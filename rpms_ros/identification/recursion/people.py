@@ -38,11 +38,7 @@ from rpms_ros.identification.model.estimate import DEFAULT_RATE, Estimate, recru
 from rpms_ros.identification.model.levenberg_marquardt import Ending
 from rpms_ros.identification.model.recruitment import PARAMETERS
 from rpms_ros.identification.quality.doubts import FACTORISATION_FAILED, PlausibilityCheck
-from rpms_ros.identification.recursion.fit import (
-    accept,
-    empty_fit,
-    uncertainty,
-)
+from rpms_ros.identification.recursion.fit import accept, empty_fit, uncertainty
 from rpms_ros.identification.recursion.people_kernel import (
     KNOTS,
     StepProblem,

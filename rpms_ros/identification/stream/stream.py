@@ -15,11 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rpms_ros.errors import IdentificationError, check_number
-from rpms_ros.identification.model.estimate import (
-    Estimate,
-    Estimator,
-    PredictingEstimator,
-)
+from rpms_ros.identification.model.estimate import Estimate, Estimator, PredictingEstimator
 from rpms_ros.identification.quality import doubts as faults
 from rpms_ros.identification.quality.doubts import (
     RESPONSE_MISFIT,

@@ -34,11 +34,7 @@ class DriverParameters(NodeParameters):
     port: str = parameter('/dev/ttyUSB0', 'Serial port of a device on one.')
     device_specification: str = parameter('simulated', 'Limits of the device: name or YAML file.')
     maximum_intensity: float = parameter(
-        1.0,
-        'Hard bound; never raised while armed.',
-        minimum=0.0,
-        maximum=1.0,
-        dynamic=True,
+        1.0, 'Hard bound; never raised while armed.', minimum=0.0, maximum=1.0, dynamic=True
     )
     maximum_rate: float = parameter(
         50.0, 'Hard bound on the repetition rate.', unit='Hz', minimum=0.1, maximum=1000.0

@@ -23,12 +23,7 @@ from rpms_msgs.msg import AcceptedSchedule, DriverStatus, Pulse as PulseMessage
 from rpms_ros import messages
 from rpms_ros.errors import StimulationError
 from rpms_ros.nodes.common import qos, topics
-from rpms_ros.nodes.common.diagnostics import (
-    DiagnosticsPublisher,
-    Health,
-    logger_of,
-    plain_text,
-)
+from rpms_ros.nodes.common.diagnostics import DiagnosticsPublisher, Health, logger_of, plain_text
 from rpms_ros.nodes.common.topics import MESSAGE_TYPES
 from rpms_ros.printable import counted
 from rpms_ros.pulses import Pulse, PulseHash

@@ -131,10 +131,7 @@ class GuardedLine:
     """
 
     def __init__(
-        self,
-        port: str,
-        limits: GuardLimits,
-        clock: Callable[[], int] = time.monotonic_ns,
+        self, port: str, limits: GuardLimits, clock: Callable[[], int] = time.monotonic_ns
     ) -> None:
         self.port = port
         self.limits = limits

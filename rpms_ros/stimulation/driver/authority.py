@@ -63,8 +63,7 @@ def operator_name(text: str) -> str:
     name = text.strip(' ')
     if not name or len(name) > LONGEST_NAME or not name.isprintable():
         raise Refused(
-            AUTHORITY,
-            f'expected a name of 1 to {LONGEST_NAME} printable characters, got {text!r}',
+            AUTHORITY, f'expected a name of 1 to {LONGEST_NAME} printable characters, got {text!r}'
         )
     return name
 

@@ -24,12 +24,7 @@ from typing import Any, NamedTuple, TypeVar
 from rpms_ros.errors import StimulationError
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, nanoseconds
 from rpms_ros.stimulation.devices.registry import Device, DeviceError, DeviceStatus, TooLate
-from rpms_ros.stimulation.driver.safety_monitor import (
-    SUPERVISOR,
-    Halt,
-    Refused,
-    SafetyMonitor,
-)
+from rpms_ros.stimulation.driver.safety_monitor import SUPERVISOR, Halt, Refused, SafetyMonitor
 from rpms_ros.stimulation.driver.states import POSSIBLE, Command, DriverSettings, State, after
 from rpms_ros.stimulation.limits.coil_temperature import CoilTemperature
 from rpms_ros.stimulation.limits.limits import Limits

@@ -12,13 +12,7 @@ from dataclasses import dataclass
 
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.stimulation.limits.limits import BookedPulse
-from rpms_ros.stimulation.schedule.fields import (
-    Bound,
-    Bounded,
-    DescriptionError,
-    bounded,
-    share,
-)
+from rpms_ros.stimulation.schedule.fields import Bound, Bounded, DescriptionError, bounded, share
 
 # A room, and a coil; nobody stands below or above these.
 _ROOM, _COIL = Bound(0.0, 50.0, 'Celsius'), Bound(0.0, 150.0, 'Celsius')

@@ -18,13 +18,7 @@ from rpms_ros.printable import told_apart
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray
 from rpms_ros.stimulation.limits.coil_temperature import CoilTemperature
 from rpms_ros.stimulation.limits.device_specification import DeviceSpecification
-from rpms_ros.stimulation.limits.limits import (
-    DoseLimits,
-    Limits,
-    PulseLimiter,
-    Refusal,
-    too_quiet,
-)
+from rpms_ros.stimulation.limits.limits import DoseLimits, Limits, PulseLimiter, Refusal, too_quiet
 from rpms_ros.stimulation.schedule.schedule import Plan, Schedule
 
 

@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation.records.clocks import Clocks
@@ -306,12 +306,6 @@ class ChainedFile:
             if self._file >= 0:
                 os.close(self._file)
                 self._file = -1
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
 
     def _write(self, data: bytes, sync: bool) -> None:
         if self._broken is not None:

@@ -18,17 +18,12 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 from urllib.parse import quote
 
 from rpms_ros.errors import StimulationError
 from rpms_ros.pulses import nanoseconds
-from rpms_ros.stimulation.limits.limits import (
-    BookedPulse,
-    DoseExceeded,
-    DoseLimits,
-    LedgerError,
-)
+from rpms_ros.stimulation.limits.limits import BookedPulse, DoseExceeded, DoseLimits, LedgerError
 from rpms_ros.stimulation.records.append_only import BEGIN, ChainedFile, Record, wall_ns_of
 from rpms_ros.stimulation.records.clocks import Clocks
 
@@ -376,12 +371,6 @@ class MemoryLedger:
     def close(self) -> None:
         """Give back what was not taken."""
         self.settle()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
 
     def _write(self, pulses: Sequence[BookedPulse]) -> str:
         """Put pulses on the disk, where there is one; return the identifier of the batch."""

@@ -8,11 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from rpms_ros.identification import (
-    CONVERGED,
-    NOT_INFORMED,
-    FixedSizeRecursion,
-)
+from rpms_ros.identification import CONVERGED, NOT_INFORMED, FixedSizeRecursion
 from rpms_ros.identification.recursion.people import ChangeTest
 from rpms_ros.muscle import average_subject, simulation_subject
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import butter, lfilter
 
 import rpms_ros
 from rpms_ros.identification import identify
@@ -354,3 +355,14 @@ def test_an_effort_that_follows_random_intensities_is_told_from_the_muscle(leagu
     last = rpms_ros.from_arrays(time, force, onset, intensity).identify('tracking').estimates.last
     assert np.abs(last.curve_force - truth).max() < 0.01 * truth.max()
     assert last.doubts == ()
+
+
+@pytest.mark.parametrize('excitation', ['random', 'sinusoid'])
+def test_noise_behind_the_filter_of_a_sensor_is_no_effort(living_sessions, excitation):
+    """A low-pass of 30 Hz makes the noise stronger where the muscle moves than in the mean."""
+    what = living_sessions.session('steady', excitation, 1, 20.0)
+    session = what._replace(force=lfilter(*butter(2, 30, fs=1000.0), what.force))
+    _, estimates = run(session)
+    assert errors(session, estimates)[20:].max() < 0.003
+    assert held(session, estimates)[20:].min() > 0.9
+    assert not any(one.doubts for one in estimates[20:])
