@@ -3,6 +3,7 @@
 """What a driver starts and what it refuses, in every state, before anything fires."""
 
 import dataclasses
+from contextlib import closing
 
 import pytest
 
@@ -168,7 +169,7 @@ def test_a_real_device_needs_a_ledger_of_its_serial_number(tmp_path):
         with pytest.raises(StimulationError, match=f'on the disk for a real device, got {got}'):
             StimulationController(Real(), specification, DriverSettings(), ledger=ledger)
     with (
-        DoseLedger(tmp_path, '/dev/ttyUSB0', 'P01') as ledger,
+        closing(DoseLedger(tmp_path, '/dev/ttyUSB0', 'P01')) as ledger,
         pytest.raises(StimulationError, match="serial_number '', got that of '/dev/ttyUSB0'"),
     ):
         StimulationController(Real(), specification, DriverSettings(), ledger=ledger)

@@ -738,7 +738,8 @@ def _accept(
     fit.likelihood = (
         float(solution.reduced.evidence[0])
         - 0.5 * solution.left
-        - 0.5 * at.samples * math.log(fit.weighting_variance)
+        # behind a filter there are fewer independent ones
+        - 0.5 * at.samples / fit.colour * math.log(fit.weighting_variance)
     )
 
 
