@@ -21,7 +21,7 @@ from rpms_ros.errors import MuscleError
 from rpms_ros.muscle.contraction import Contraction
 from rpms_ros.muscle.subject import REFERENCE_RATE, Subject
 from rpms_ros.muscle.time_varying import LivingSettings
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray, nanoseconds
 
 UNITS = 200
 _TAU_C, _TAU_1, _TAU_2, _HALF, _MORE = 11e-3, 30e-3, 60e-3, 0.3, 0.04
@@ -108,18 +108,12 @@ class MotorUnits(Contraction):
         A pulse that is added too late acts at once.
         """
         stamps = np.atleast_1d(np.asarray(stamp_ns, dtype=np.int64))
-        begin_ns = self._onset_ns + int(self.subject.latency * NANOSECONDS_PER_SECOND)
+        begin_ns = self._onset_ns + nanoseconds(self.subject.latency)
         if self._reference_ns is None:
             self._reference_ns = min(int(stamps[0]), int(begin_ns.min(initial=stamps[0])))
         due = int(np.searchsorted(begin_ns, stamps[-1], side='right'))
-        force = _contract(
-            stamps,
-            begin_ns[:due],
-            self._intensity[:due],
-            self._threshold,
-            self._reference_ns,
-            self._units,
-        )
+        acting = begin_ns[:due], self._intensity[:due], self._threshold
+        force = _contract(stamps, *acting, self._reference_ns, self._units)
         self._onset_ns, self._intensity = self._onset_ns[due:], self._intensity[due:]
         self._reference_ns = int(stamps[-1])
         return self._scale * force

@@ -69,10 +69,11 @@ def read_metadata(path: Path, findings: Findings) -> dict[str, Any]:
     except (OSError, RecordingError) as error:
         findings.add('wrong_checksum', str(error))
         return metadata
+    if sums is None:
+        return metadata
     # mcap files have quicker checksums
-    names = [path.name, *(name for name in sums or () if name.endswith('.db3'))]
-    for name in names:
-        if sums is not None and not fits(path.parent / name, sums.get(name)):
+    for name in (path.name, *(name for name in sums if name.endswith('.db3'))):
+        if not fits(path.parent / name, sums.get(name)):
             found = f'{name} is not what was written: its SHA-256 differs'
             findings.add('wrong_checksum', found)
     return metadata
