@@ -15,13 +15,15 @@ than 2 % and outside its interval, with the verdict good.
 import argparse
 import math
 import time
+import zlib
 from collections import Counter
 
 import numpy as np
+from scipy.signal import butter, lfilter
 
 import rpms_ros
 
-SECONDS, RATE, NOISE = 60.0, 20.0, 0.005
+SECONDS, RATE, NOISE, RECOVERY = 60.0, 20.0, 0.005, 15.0
 U = np.linspace(0.0, 1.0, 101)
 
 
@@ -72,7 +74,11 @@ RECRUITMENTS = {
     'unsaturated': unsaturated,
     'pools': pools,
 }
-MUSCLES = [*RECRUITMENTS, 'doublets', 'ding', 'slip', 'effort', 'heart', 'hum']
+SITUATIONS = [
+    *('doublets', 'ding', 'slip', 'effort', 'heart', 'hum', 'rests', 'length', 'release'),
+    *('filter', 'jitter', 'lost', 'late'),
+]
+MUSCLES = [*RECRUITMENTS, *SITUATIONS]
 
 
 def person(generator):
@@ -145,48 +151,93 @@ def coloured(generator, count):
     return noise / noise.std()
 
 
-def session(muscle, excitation, seed):
-    """Return pulses, force and the true curve."""
-    generator = np.random.default_rng([seed, sorted(MUSCLES).index(muscle)])
-    one = person(generator)
-    intensity = intensities(excitation, generator)
+def tired(onset, intensity):
+    """Return the share of the force that each pulse finds, and the share left at the end.
+
+    Each takes a part of what is left, which comes back within a quarter of a minute.
+    """
+    share, left, last = np.ones(len(onset)), 1.0, 0.0
+    for index, at in enumerate(onset):
+        left = 1.0 - (1.0 - left) * math.exp(-(at - last) / RECOVERY)
+        share[index], last = left, at
+        left *= 1.0 - 0.0015 * intensity[index]
+    return share, 1.0 - (1.0 - left) * math.exp(-(SECONDS - last) / RECOVERY)
+
+
+def slipped(one, at):
+    """Return a person whose coil has slipped for a time [s]."""
+    return one | {name: one[name] + 0.1 * at / SECONDS for name in ('thr', 'sat')}
+
+
+def contraction(muscle, grid, onset, intensity, one, generator):
+    """Return the force of the stimulated muscle and its true curve at the end."""
     shape = RECRUITMENTS.get(muscle, arctan)
-    grid = np.arange(0.0, SECONDS, 1e-3)
-    onset = 1e-3 + np.arange(len(intensity)) / RATE
-    truth = RATE * shape(U, one)
-    if muscle == 'doublets':
-        onset, intensity = onset[::2], intensity[::2]
-        onset = np.column_stack((onset, onset + 8e-3)).ravel()
-        intensity = np.repeat(intensity, 2)
-    if muscle == 'slip':
-        moved = [
-            one | {name: one[name] + 0.1 * at / SECONDS for name in ('thr', 'sat')} for at in onset
-        ]
-        recruited = np.array(
-            [shape(np.array([u]), now)[0] for u, now in zip(intensity, moved, strict=True)]
-        )
-        truth = RATE * shape(U, moved[-1])
-    else:
-        recruited = shape(intensity, one)
+    recruited, truth = shape(intensity, one), RATE * shape(U, one)
     if muscle == 'ding':
-        force = motor_units(grid, onset, intensity, one)
         # units that are above their threshold do all the same
         beat, many = np.arange(0.0, 3.0, 1e-3), np.arange(1e-3, 3.0, 1.0 / RATE)
         every = motor_units(beat, many, np.ones(len(many)), one)[-1000:].mean()
         rank = arctan(U, one)
-        truth = every * np.searchsorted((np.arange(UNITS) + 0.5) / UNITS, rank / rank[-1]) / UNITS
-    else:
-        force = twitches(grid, onset, recruited, one)
-    scale = 10.0 / truth.max()
-    force = scale * force + NOISE * 10.0 * generator.standard_normal(len(grid))
+        above = np.searchsorted((np.arange(UNITS) + 0.5) / UNITS, rank / rank[-1])
+        return motor_units(grid, onset, intensity, one), every * above / UNITS
+    if muscle == 'slip':
+        pairs = zip(intensity, onset, strict=True)
+        recruited = np.array([shape(np.array([u]), slipped(one, at))[0] for u, at in pairs])
+        truth = RATE * shape(U, slipped(one, SECONDS))
+    if muscle == 'rests':
+        share, left = tired(onset, intensity)
+        recruited, truth = recruited * share, truth * left
+    if muscle == 'jitter':
+        onset = onset + 0.5e-3 * generator.standard_normal(len(onset))
+    force = twitches(grid, onset, recruited, one)
+    if muscle == 'length':
+        # the joint swings: force by length, and a passive spring
+        swing = np.sin(2.0 * np.pi * 0.31 * grid)
+        force = force * (1.0 + 0.15 * swing) + 0.05 * truth.max() * (1.0 + swing)
+    if muscle == 'release':
+        force = force * np.where(grid % 10.0 // 0.4 == 12.0, 0.4, 1.0)
+    return force, truth
+
+
+def beside(muscle, grid, onset, intensity, generator):
+    """Return the force (10 N is that of the muscle) that no pulse causes."""
     if muscle == 'effort':
         # the patient tenses with what is felt, half a second late
         felt = np.interp(grid - 0.5, onset, intensity)
-        force += np.convolve(felt, np.full(500, 1.0 / 500), 'same')
+        return np.convolve(felt, np.full(500, 1.0 / 500), 'same')
     if muscle == 'heart':
-        force += 0.2 * np.sin(2.0 * np.pi * 1.1 * grid) + 0.3 * np.sin(2.0 * np.pi * 0.23 * grid)
+        return 0.2 * np.sin(2.0 * np.pi * 1.1 * grid) + 0.3 * np.sin(2.0 * np.pi * 0.23 * grid)
     if muscle == 'hum':
-        force += 0.1 * np.sin(2.0 * np.pi * 50.0 * grid) + 0.1 * coloured(generator, len(grid))
+        return 0.1 * np.sin(2.0 * np.pi * 50.0 * grid) + 0.1 * coloured(generator, len(grid))
+    return 0.0
+
+
+def session(muscle, excitation, seed):
+    """Return pulses, force and the true curve."""
+    generator = np.random.default_rng([seed, zlib.crc32(muscle.encode())])
+    one = person(generator)
+    intensity = intensities(excitation, generator)
+    grid = np.arange(0.0, SECONDS, 1e-3)
+    onset = 1e-3 + np.arange(len(intensity)) / RATE
+    if muscle == 'doublets':
+        onset, intensity = onset[::2], intensity[::2]
+        onset = np.column_stack((onset, onset + 8e-3)).ravel()
+        intensity = np.repeat(intensity, 2)
+    if muscle == 'rests':
+        # the session ends in a pause
+        kept = onset % 16.0 < 8.0
+        onset, intensity = onset[kept], intensity[kept]
+    force, truth = contraction(muscle, grid, onset, intensity, one, generator)
+    scale = 10.0 / truth.max()
+    force = scale * force + NOISE * 10.0 * generator.standard_normal(len(grid))
+    force += beside(muscle, grid, onset, intensity, generator)
+    if muscle == 'filter':
+        force = lfilter(*butter(2, 30.0, fs=1e3), force)
+    if muscle == 'lost':
+        kept = generator.uniform(size=len(onset)) > 0.01
+        onset, intensity = onset[kept], intensity[kept]
+    if muscle == 'late':
+        onset = onset + 0.05
     return (grid, force, onset, intensity), scale * truth
 
 

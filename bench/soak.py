@@ -44,7 +44,6 @@ FAULT_SHARE = 0.1
 RESTART_EVERY_S = 300.0
 LARGEST_SLOPE_MB = 30.0
 _SAMPLE_STEPS = 20
-_LAST_EVENTS = 100
 _STREAM = StreamSettings()
 _WAITING = 2 + math.ceil(_STREAM.reorder_delay / _STREAM.estimate_period)
 _NODE_ONLY = (faults.FORCE_PUBLISHERS, faults.PULSE_PUBLISHERS)
@@ -53,17 +52,9 @@ _NODE_ONLY = (faults.FORCE_PUBLISHERS, faults.PULSE_PUBLISHERS)
 class Graph(graphs.Graph):
     """Nodes in one persistent executor, which come and go."""
 
-    def __init__(self, context, executor):
-        super().__init__(context, executor)
+    def __init__(self, context):
+        super().__init__(context)
         self.between = []
-
-    def remove(self, node):
-        self._nodes.remove(node)
-        self._executor.remove_node(node)
-        # Callbacks in the executor's queue would be called on a destroyed node.
-        for _ in range(_LAST_EVENTS):
-            self._executor.spin_once(timeout_sec=0.0)
-        node.destroy_node()
 
     def wait_for(self, predicate, timeout=120.0):
         def looked():
@@ -77,14 +68,12 @@ class Graph(graphs.Graph):
 @contextlib.contextmanager
 def running_graph():
     """A graph in a private domain."""
-    from rclpy.experimental.events_executor import EventsExecutor
-
-    with graphs.private_domain() as domain, graphs.private_context(domain) as context:
-        graph = Graph(context, EventsExecutor(context=context))
-        try:
-            yield graph
-        finally:
-            graph.close()
+    with (
+        graphs.private_domain() as domain,
+        graphs.private_context(domain) as context,
+        contextlib.closing(Graph(context)) as graph,
+    ):
+        yield graph
 
 
 def resident_mb():

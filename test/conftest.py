@@ -9,10 +9,7 @@ import importlib.util
 import os
 import re
 import time
-from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import ModuleType
-from typing import TYPE_CHECKING, Any
 
 import hypothesis
 import pytest
@@ -28,17 +25,11 @@ os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 # Numba's threads and BLAS's would fight over the cores with other tests.
 os.environ.setdefault('OMP_NUM_THREADS', '1')
 
-if TYPE_CHECKING:
-    from rclpy.context import Context
-
-WaitFor = Callable[..., None]
-
-
 # a process that has just made a segment locks it a moment later [s]
 _OLD_S = 600.0
 
 
-def _remove_dead_segments(folder: Path) -> None:
+def _remove_dead_segments(folder):
     """Remove shared memory of Fast DDS whose process was killed, as processes of tests are.
 
     Nobody else does, and where it is kept from run to run it fills up in the end.
@@ -55,7 +46,7 @@ def _remove_dead_segments(folder: Path) -> None:
                 lock.unlink()
 
 
-def pytest_sessionstart(session: pytest.Session) -> None:
+def pytest_sessionstart(session):
     """Do once, before the first test, what would happen amid whichever it is.
 
     Matplotlib looks for the fonts of a machine, and complains on stderr if that takes longer than
@@ -66,39 +57,37 @@ def pytest_sessionstart(session: pytest.Session) -> None:
         importlib.import_module('matplotlib.font_manager')
 
 
-def _module_at(path: Path) -> ModuleType:
+def _module_at(path):
     specification = importlib.util.spec_from_file_location(path.stem, path)
-    assert specification is not None
-    assert specification.loader is not None
     module = importlib.util.module_from_spec(specification)
     specification.loader.exec_module(module)
     return module
 
 
-def _beside(name: str) -> ModuleType:
+def _beside(name):
     return _module_at(Path(__file__).with_name(f'{name}.py'))
 
 
 @pytest.fixture(scope='session')
-def module_at() -> Callable[[Path], ModuleType]:
+def module_at():
     """Load a script by its path."""
     return _module_at
 
 
 @pytest.fixture(scope='session')
-def beside() -> Callable[[str], ModuleType]:
+def beside():
     """Load a module of this folder by its name."""
     return _beside
 
 
 @pytest.fixture(scope='session')
-def hostile_texts() -> ModuleType:
+def hostile_texts():
     """The module of hostile texts beside this file: `KNOWN`, `hostile_text`, `sendable`."""
     return _beside('hostile_texts')
 
 
 @pytest.fixture
-def patient_file(tmp_path: Path) -> Path:
+def patient_file(tmp_path):
     """The patient of the documentation, whose figures hold today, and tomorrow too."""
     from datetime import UTC, datetime, timedelta
 
@@ -106,21 +95,15 @@ def patient_file(tmp_path: Path) -> Path:
 
     today = datetime.now(UTC).date()
     text = str(patient.__doc__).partition('\n\n')[2]
-    dated = [
-        f'set_on: {today - timedelta(1)}'
-        if line.startswith('set_on:')
-        else f'expires: {today + timedelta(1)}'
-        if line.startswith('expires:')
-        else line
-        for line in text.splitlines()
-    ]
+    for key, day in (('set_on', today - timedelta(1)), ('expires', today + timedelta(1))):
+        text = re.sub(f'(?m)^{key}:.*', f'{key}: {day}', text)
     path = tmp_path / 'patient.yaml'
-    path.write_text('\n'.join(dated))
+    path.write_text(text)
     return path
 
 
 @pytest.fixture
-def specification_file(tmp_path: Path) -> Path:
+def specification_file(tmp_path):
     """The specification that comes with the package, of one device."""
     from rpms_ros.stimulation.limits import device_specification
 
@@ -131,7 +114,7 @@ def specification_file(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def any_lateness(monkeypatch: pytest.MonkeyPatch) -> None:
+def any_lateness(monkeypatch):
     """Let drivers be told to deliver a pulse that the machine holds up, however late it is.
 
     Users may allow a tenth of a second at most, and a machine under load stands still for longer.
@@ -146,37 +129,37 @@ def any_lateness(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture(scope='session')
-def graphs() -> ModuleType:
-    """The module of graphs beside this file: `running_graph`, `private_context`."""
+def graphs():
+    """The module of graphs beside this file: `Graph`, `private_context`."""
     return _beside('graphs')
 
 
 @pytest.fixture
-def domain(graphs: ModuleType) -> Iterator[int]:
+def domain(graphs):
     """A DDS domain that nobody else uses on this machine until all of the test has ended."""
     with graphs.private_domain() as private:
         yield private
 
 
 @pytest.fixture
-def context(graphs: ModuleType, domain: int) -> Iterator['Context']:
+def context(graphs, domain):
     """A private context in a private domain."""
     with graphs.private_context(domain) as private:
         yield private
 
 
 @pytest.fixture
-def graph(graphs: ModuleType, context: 'Context') -> Iterator[Any]:
+def graph(graphs, context):
     """A persistent executor for the nodes of this test, in the private context."""
-    with graphs.running_graph(context) as running:
+    with contextlib.closing(graphs.Graph(context)) as running:
         yield running
 
 
 @pytest.fixture
-def wait_for() -> WaitFor:
+def wait_for():
     """Wait until a predicate holds, without any executor: for processes and threads."""
 
-    def wait(predicate: Callable[[], bool], timeout: float = 60.0) -> None:
+    def wait(predicate, timeout=60.0):
         end = time.monotonic() + timeout
         pause = 1e-3
         while not predicate():
@@ -188,7 +171,7 @@ def wait_for() -> WaitFor:
 
 
 @pytest.fixture
-def instrument() -> Iterator[Callable[..., Any]]:
+def instrument():
     """Build instruments of the Rapid2 class on pseudo-terminals, see `fake_rapid2.py`."""
     module = _beside('fake_rapid2')
     with contextlib.ExitStack() as running:

@@ -42,6 +42,16 @@ def browser_program():
     return found
 
 
+def _until(found, complaint, timeout=PATIENCE):
+    """Return what a call returns as soon as it is something."""
+    end = time.monotonic() + timeout
+    while not (answer := found()):
+        if time.monotonic() > end:
+            pytest.fail(f'{complaint} after {timeout} s')
+        time.sleep(0.02)
+    return answer
+
+
 async def _connected(url):
     return await websocket_connect(url, max_message_size=2**26)
 
@@ -111,11 +121,7 @@ class Browser:
 
     def wait_for(self, expression, timeout=PATIENCE):
         """Wait until an expression in the page is true."""
-        end = time.monotonic() + timeout
-        while not self.evaluate(expression):
-            if time.monotonic() > end:
-                pytest.fail(f'still waiting for {expression} after {timeout} s')
-            time.sleep(0.02)
+        _until(lambda: self.evaluate(expression), f'still waiting for {expression}', timeout)
 
     def screen(self, width, height=800, dark=False, reduced=False):
         """Show the page on a screen of this width [px], light or dark."""
@@ -192,14 +198,12 @@ class Browser:
     def complaints(self):
         """Return what the page has complained of: exceptions, errors, warnings of the console."""
         self.call('Runtime.evaluate', expression='0')
+        logged = [('Runtime.consoleAPICalled', kind) for kind in ('error', 'warning', 'assert')]
         return [
             event
             for event in self.events
             if event['method'] in ('Runtime.exceptionThrown', 'Log.entryAdded')
-            or (
-                event['method'] == 'Runtime.consoleAPICalled'
-                and event['params']['type'] in ('error', 'warning', 'assert')
-            )
+            or (event['method'], event['params'].get('type')) in logged
         ]
 
     def requested(self):
@@ -232,23 +236,17 @@ class Browser:
 
     def _address_of_page(self):
         """Return where the page is driven; it may be opened a moment after the port is."""
-        address, end = f'http://127.0.0.1:{self._port()}/json/list', time.monotonic() + PATIENCE
-        while True:
+        address = f'http://127.0.0.1:{_until(self._port, "the browser says no port")}/json/list'
+
+        def pages():
             with urllib.request.urlopen(address, timeout=PATIENCE) as answer:
-                pages = [one for one in json.load(answer) if one['type'] == 'page']
-            if pages:
-                (page,) = pages
-                return page['webSocketDebuggerUrl']
-            assert time.monotonic() < end, 'the browser opens no page'
-            time.sleep(0.02)
+                return [one for one in json.load(answer) if one['type'] == 'page']
+
+        (page,) = _until(pages, 'the browser opens no page')
+        return page['webSocketDebuggerUrl']
 
     def _port(self):
+        assert self._process.poll() is None, 'the browser did not start'
         path = self._folder / 'DevToolsActivePort'
-        end = time.monotonic() + PATIENCE
-        while True:
-            lines = path.read_text().splitlines() if path.exists() else []
-            if len(lines) >= 2:
-                return int(lines[0])
-            assert self._process.poll() is None, 'the browser did not start'
-            assert time.monotonic() < end, 'the browser says no port'
-            time.sleep(0.02)
+        lines = path.read_text().splitlines() if path.exists() else []
+        return int(lines[0]) if len(lines) >= 2 else None

@@ -46,13 +46,10 @@ class FakeRapid2(threading.Thread):
     silent : obeys, answers nothing
     deaf : answers as if it took an intensity, and keeps the one it has
     obey_disarm : whether it obeys when it is told to disarm
-    after : answers with the status after a command, not the published one before it
-    meddle : called with each command after it was answered
+    meddle : called with each command after it was answered, and with b'before ' and it before
     """
 
-    def __init__(
-        self, wire=False, watchdog_s=1.0, charge_s=0.02, recharge_s=0.0, version='7.1.0', log=None
-    ):
+    def __init__(self, wire=False, watchdog_s=1.0, charge_s=0.02, version='7.1.0', log=None):
         super().__init__(daemon=True)
         self.master, slave = os.openpty()
         self.port = os.ttyname(slave)
@@ -61,14 +58,13 @@ class FakeRapid2(threading.Thread):
         os.set_blocking(self.master, False)
         self.wire, self.version = wire, version
         self.watchdog_ns = round(watchdog_s * SECOND)
-        self.charge_ns, self.recharge_ns = round(charge_s * SECOND), round(recharge_s * SECOND)
+        self.charge_ns = round(charge_s * SECOND)
         self.coil, self.replace, self.error = True, False, False
         self.remote = self.armed = False
         # what such an instrument has when it is switched on
         self.percent = 30
         self.temperatures = '253', '251'
-        self.acknowledge_only = self.hang = self.flip = self.silent = False
-        self.deaf = self.after = False
+        self.acknowledge_only = self.hang = self.flip = self.silent = self.deaf = False
         self.meddle = None
         self.obey_disarm = True
         self.refuse, self.cut = {}, None
@@ -87,10 +83,6 @@ class FakeRapid2(threading.Thread):
     @property
     def frames(self):
         return [body for _, body in self.commands]
-
-    @property
-    def ready(self):
-        return self.armed and time.monotonic_ns() >= self._ready_ns
 
     def fired(self):
         return [percent for _, percent in self.triggers]
@@ -177,6 +169,8 @@ class FakeRapid2(threading.Thread):
             self._send(b'?', now)
         elif len(self._frame) == length:
             frame, self._frame = self._frame, b''
+            if self.meddle:
+                self.meddle(b'before ' + frame[:-1])
             self._send(self._obey(frame, now), now)
             if self.meddle:
                 self.meddle(frame[:-1])
@@ -232,7 +226,8 @@ class FakeRapid2(threading.Thread):
             return answer + check(answer)
         if self.armed:
             self._heard_ns = now
-        answer = letter + bytes([self._status(now) if self.after else before]) + data
+        # the status before the command, as published
+        answer = letter + bytes([before]) + data
         return answer + check(answer)
 
     def _act(self, body, now):
@@ -281,7 +276,6 @@ class FakeRapid2(threading.Thread):
         return b'\x38' + f'{self.percent:03d}0010{pulses}{duration}{wait}'.encode()
 
     def _trigger(self, now):
-        self._ready_ns = now + self.recharge_ns
         if not self.acknowledge_only:
             self.triggers.append((now, self.percent))
             self._note('trigger', now, str(self.percent))

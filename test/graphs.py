@@ -6,47 +6,34 @@ Nodes are real ones, which the test steps by waiting: nothing sleeps.
 """
 
 import time
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
-from typing import TYPE_CHECKING, Any
+from contextlib import contextmanager
 
 import pytest
+import rclpy
+from rclpy.action import ActionClient
+from rclpy.context import Context
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
 
-if TYPE_CHECKING:
-    from rclpy.context import Context
-    from rclpy.executors import Executor
-    from rclpy.node import Node
+from rpms_ros.nodes.common.runner import free_domain, stay_on_this_machine, use_fast_discovery
+
+_LAST_EVENTS = 100
 
 
 class Graph:
-    """Nodes of one test in one persistent executor, stepped by the test itself.
+    """Nodes in one persistent executor, stepped by whoever waits."""
 
-    Parameters
-    ----------
-    context : Context
-        Of all nodes.
-    executor : Executor
-        Of all nodes.
-    """
-
-    def __init__(self, context: 'Context', executor: 'Executor') -> None:
+    def __init__(self, context):
         self.context = context
-        self._executor = executor
-        self._nodes: list[Node] = []
-        self._listener: Node | None = None
+        self._executor = EventsExecutor(context=context)
+        self._nodes, self._other = [], None
 
-    def add(self, build: Callable[..., Any], **parameters: object) -> Any:
-        """Build a node in the private context with these parameters and add it.
+    def add(self, build, **parameters):
+        """Build a node in the private context with these ROS parameters and add it.
 
-        Parameters
-        ----------
-        build : callable
-            A class of nodes, or a function, that passes keyword arguments on to `rclpy.node.Node`.
-        **parameters
-            ROS parameters by name.
+        `build` passes keyword arguments on to `rclpy.node.Node`.
         """
-        from rclpy.parameter import Parameter
-
         overrides = [Parameter(name, value=value) for name, value in parameters.items()]
         node = build(
             context=self.context, parameter_overrides=overrides, use_global_arguments=False
@@ -55,20 +42,34 @@ class Graph:
         self._executor.add_node(node)
         return node
 
-    def node(self, name: str, **options: Any) -> Any:
+    def node(self, name, **options):
         """Add a node that does nothing by itself."""
-        from rclpy.node import Node
-
         return self.add(lambda **private: Node(name, **options, **private))
 
-    def heard(self, kind: type, topic: str, profile: Any = 100) -> list[Any]:
+    def remove(self, node):
+        """Destroy a node before the end of the test."""
+        self._nodes.remove(node)
+        self._executor.remove_node(node)
+        # callbacks in the executor's queue would be called on a destroyed node
+        for _ in range(_LAST_EVENTS):
+            self._executor.spin_once(timeout_sec=0.0)
+        node.destroy_node()
+
+    def heard(self, kind, topic, profile=100):
         """Return the messages of a topic, as they come from now on."""
-        found: list[Any] = []
-        self._listener = self._listener or self.node('listener')
-        self._listener.create_subscription(kind, topic, found.append, profile)
+        found = []
+        self._other = self._other or self.node('listener')
+        self._other.create_subscription(kind, topic, found.append, profile)
         return found
 
-    def wait_for(self, predicate: Callable[[], bool], timeout: float = 60.0) -> None:
+    def publisher(self, kind, topic, profile=100):
+        """Return a publisher of a topic that one node hears."""
+        self._other = self._other or self.node('listener')
+        made = self._other.create_publisher(kind, topic, profile)
+        self.wait_for(lambda: made.get_subscription_count() > 0)
+        return made
+
+    def wait_for(self, predicate, timeout=60.0):
         """Step the executor until `predicate` holds; fail the test after `timeout` seconds."""
         end = time.monotonic() + timeout
         while not predicate():
@@ -76,10 +77,8 @@ class Graph:
                 pytest.fail(f'still waiting after {timeout} s')
             self._executor.spin_once(timeout_sec=0.01)
 
-    def close(self) -> None:
+    def close(self):
         """Destroy the nodes, newest first."""
-        from rclpy.action import ActionClient
-
         for node in reversed(self._nodes):
             self._executor.remove_node(node)
             node.destroy_node()
@@ -90,36 +89,19 @@ class Graph:
         self._executor.shutdown()
 
 
-def private_domain() -> AbstractContextManager[int]:
+def private_domain():
     """Return a context with a DDS domain that nobody else uses on this machine meanwhile."""
-    from rpms_ros.nodes.common.runner import free_domain, stay_on_this_machine, use_fast_discovery
-
     use_fast_discovery()
     stay_on_this_machine()
     return free_domain()
 
 
 @contextmanager
-def private_context(domain: int) -> Iterator['Context']:
+def private_context(domain):
     """Initialise a context of its own in a DDS domain, and shut it down."""
-    import rclpy
-    from rclpy.context import Context
-
     private = Context()
     rclpy.init(args=[], context=private, domain_id=domain)
     try:
         yield private
     finally:
         private.try_shutdown()
-
-
-@contextmanager
-def running_graph(context: 'Context') -> Iterator[Graph]:
-    """Make an executor for the nodes of a test, and let go of all of them."""
-    from rclpy.experimental.events_executor import EventsExecutor
-
-    graph = Graph(context, EventsExecutor(context=context))
-    try:
-        yield graph
-    finally:
-        graph.close()

@@ -81,24 +81,14 @@ def merged(first: ForceTrace, second: ForceTrace) -> ForceTrace:
     return ForceTrace(stamps[order], np.concatenate((first.force, second.force))[order])
 
 
-def at_once(own: Stream, other: Stream) -> Stream:
-    return own._replace(forces=merged(own.forces, other.forces))
+def beside(late_ns: int, share: float = 1.0, step: int = 1) -> Spoil:
+    """A share of every so many samples of the other sensor, so much later."""
 
+    def spoil(own: Stream, other: Stream) -> Stream:
+        stamps, force = other.forces.stamp_ns[::step], other.forces.force[::step]
+        return own._replace(forces=merged(own.forces, ForceTrace(stamps + late_ns, share * force)))
 
-def in_between(own: Stream, other: Stream) -> Stream:
-    later = ForceTrace(other.forces.stamp_ns + 300_000, other.forces.force)
-    return own._replace(forces=merged(own.forces, later))
-
-
-def beside_a_dead_one(own: Stream, _: Stream) -> Stream:
-    dead_force = ForceTrace(own.forces.stamp_ns + 300_000, np.zeros(len(own.forces)))
-    return own._replace(forces=merged(own.forces, dead_force))
-
-
-def beside_a_slow_one(own: Stream, other: Stream) -> Stream:
-    slow = slice(None, None, 7)
-    later = ForceTrace(other.forces.stamp_ns[slow] + 300_000, other.forces.force[slow])
-    return own._replace(forces=merged(own.forces, later))
+    return spoil
 
 
 def in_bursts(own: Stream, other: Stream) -> Stream:
@@ -109,17 +99,12 @@ def in_bursts(own: Stream, other: Stream) -> Stream:
     return own._replace(forces=ForceTrace(stamps.ravel(), forces.ravel()))
 
 
-def spike(value: float) -> Spoil:
+def put(place: int | slice, value: float) -> Spoil:
     def spoil(own: Stream, _: Stream) -> Stream:
-        own.forces.force[15_030] = value
+        own.forces.force[place] = value
         return own
 
     return spoil
-
-
-def every_half_second(own: Stream, _: Stream) -> Stream:
-    own.forces.force[30::500] = 500.0
-    return own
 
 
 def knocked(own: Stream, _: Stream) -> Stream:
@@ -142,10 +127,9 @@ def clipped_from_the_start(own: Stream, _: Stream) -> Stream:
     return Stream(own.pulses[kept], ForceTrace(own.forces.stamp_ns[begin:], force[begin:]))
 
 
-def clipped_below(own: Stream, _: Stream) -> Stream:
+def clipped_below(own: Stream, other: Stream) -> Stream:
     """A sensor mounted the other way round, at the lower end of its range."""
-    np.minimum(own.forces.force, 0.6 * own.forces.force.max(), out=own.forces.force)
-    np.negative(own.forces.force, out=own.forces.force)
+    np.negative(clipped(own, other).forces.force, out=own.forces.force)
     return own
 
 
@@ -154,34 +138,29 @@ def frozen(own: Stream, _: Stream) -> Stream:
     return own
 
 
-def dead(own: Stream, _: Stream) -> Stream:
-    own.forces.force[:] = 0.0
-    return own
-
-
-def two_drivers(own: Stream, other: Stream) -> Stream:
-    onset = other.pulses.onset_ns + 23 * MILLISECOND
-    both = PulseTrain.joined([own.pulses, forged(other, onset, 5000)])
-    return own._replace(pulses=both[np.argsort(both.onset_ns)])
-
-
-def forged(source: Stream, onset_ns: IntArray, sequence: int = 0) -> PulseTrain:
-    """Pulses like those of a session, at other times."""
-    train = source.pulses
-    return PulseTrain(onset_ns, train.intensity, train.sequence + sequence, train.width)
+def pulses_of_two(
+    own: Stream, other: Stream, late_ns: int, sequence: int, step: int
+) -> PulseTrain:
+    """Those of the session, and every so many of the other one, later and numbered otherwise."""
+    train = other.pulses
+    onset_ns, sequences = train.onset_ns + late_ns, train.sequence + sequence
+    others = PulseTrain(onset_ns, train.intensity, sequences, train.width)
+    return PulseTrain.joined([own.pulses, others[::step]])
 
 
 def forged_far_ahead(own: Stream, other: Stream) -> Stream:
-    far = forged(other, other.pulses.onset_ns + 10**18)
     before = np.tile(SAMPLES_A_PULSE * np.arange(len(own.pulses), dtype=np.int64), 2)
-    return Stream(PulseTrain.joined([own.pulses, far]), own.forces, before)
+    return Stream(pulses_of_two(own, other, 10**18, 0, 1), own.forces, before)
 
 
-def forged_now_and_then(own: Stream, other: Stream) -> Stream:
-    """Somebody else's pulses, one a second, with numbers of their own."""
-    onset = other.pulses.onset_ns + 23 * MILLISECOND
-    both = PulseTrain.joined([own.pulses, forged(other, onset, 10**6)[:: int(RATE_HZ)]])
-    return own._replace(pulses=both[np.argsort(both.onset_ns)])
+def second_driver(sequence: int, step: int = 1) -> Spoil:
+    """Somebody else's pulses, every so many of them, with numbers of their own."""
+
+    def spoil(own: Stream, other: Stream) -> Stream:
+        both = pulses_of_two(own, other, 23 * MILLISECOND, sequence, step)
+        return own._replace(pulses=both[np.argsort(both.onset_ns)])
+
+    return spoil
 
 
 def pulses_lost(own: Stream, _: Stream) -> Stream:
@@ -194,25 +173,28 @@ def intensity_out_of_range(own: Stream, _: Stream) -> Stream:
     return own
 
 
-def gap(own: Stream, _: Stream) -> Stream:
-    """The sensor falls silent for five seconds; pulses go on."""
-    kept = np.ones(len(own.forces), dtype=np.bool_)
-    kept[10_000:15_000] = False
-    return own._replace(forces=ForceTrace(own.forces.stamp_ns[kept], own.forces.force[kept]))
+def rearranged(places_of: Callable[[IntArray], IntArray]) -> Spoil:
+    """Samples of other places, out of those of all (samples,)."""
+
+    def spoil(own: Stream, _: Stream) -> Stream:
+        stamps, force = own.forces.stamp_ns, own.forces.force
+        places = places_of(np.arange(len(stamps)))
+        return own._replace(forces=ForceTrace(stamps[places], force[places]))
+
+    return spoil
 
 
-def doubled(own: Stream, _: Stream) -> Stream:
-    """Every sample comes twice."""
-    forces = own.forces
-    return own._replace(
-        forces=ForceTrace(np.repeat(forces.stamp_ns, 2), np.repeat(forces.force, 2))
-    )
+def without_five_seconds(places: IntArray) -> IntArray:
+    return np.delete(places, slice(10_000, 15_000))
 
 
-def late_samples(own: Stream, _: Stream) -> Stream:
+def doubled(places: IntArray) -> IntArray:
+    return np.repeat(places, 2)
+
+
+def out_of_order(places: IntArray) -> IntArray:
     """Blocks of ten samples change places."""
-    places = np.arange(len(own.forces)).reshape(-1, 2, 10)[:, ::-1].ravel()
-    return own._replace(forces=ForceTrace(own.forces.stamp_ns[places], own.forces.force[places]))
+    return places.reshape(-1, 2, 10)[:, ::-1].ravel()
 
 
 def clock_set(by_ns: int) -> Spoil:
@@ -228,35 +210,30 @@ def clock_set(by_ns: int) -> Spoil:
     return spoil
 
 
-def not_finite(own: Stream, _: Stream) -> Stream:
-    own.forces.force[10_000:14_000] = np.nan
-    return own
-
-
 KINDS: dict[str, Kind] = {
-    'two sensors with the same stamps': Kind(at_once, 'force_conflict'),
-    'two sensors in turn': Kind(in_between, 'force_alternating'),
-    'a dead sensor beside': Kind(beside_a_dead_one, 'force_alternating'),
-    'a slow sensor beside': Kind(beside_a_slow_one, 'force_spike'),
+    'two sensors with the same stamps': Kind(beside(0), 'force_conflict'),
+    'two sensors in turn': Kind(beside(300_000), 'force_alternating'),
+    'a dead sensor beside': Kind(beside(300_000, 0.0), 'force_alternating'),
+    'a slow sensor beside': Kind(beside(300_000, step=7), 'force_spike'),
     'two sensors in bursts': Kind(in_bursts, 'force_stamp_not_after_last'),
-    'a sample of 1e6 N': Kind(spike(1e6), 'force_out_of_bounds'),
-    'a sample of 1e300 N': Kind(spike(1e300), 'force_out_of_bounds'),
-    'a sample of -900 N': Kind(spike(-900.0), 'force_spike'),
-    'a spike every half second': Kind(every_half_second, 'force_spike'),
+    'a sample of 1e6 N': Kind(put(15_030, 1e6), 'force_out_of_bounds'),
+    'a sample of 1e300 N': Kind(put(15_030, 1e300), 'force_out_of_bounds'),
+    'a sample of -900 N': Kind(put(15_030, -900.0), 'force_spike'),
+    'a spike every half second': Kind(put(slice(30, None, 500), 500.0), 'force_spike'),
     'a knock': Kind(knocked, 'force_unexplained'),
     'a clipped sensor': Kind(clipped, 'force_clipped'),
     'a sensor clipped at the start': Kind(clipped_from_the_start, 'force_clipped'),
     'a sensor clipped below': Kind(clipped_below, 'force_clipped'),
     'a frozen sensor': Kind(frozen, 'force_frozen'),
-    'a dead sensor': Kind(dead, 'force_constant'),
-    'every sample twice': Kind(doubled, 'force_duplicate'),
-    'samples out of order': Kind(late_samples, 'force_stamp_not_after_last'),
-    'no numbers': Kind(not_finite, 'force_not_finite'),
-    'a gap': Kind(gap, 'force_gap'),
+    'a dead sensor': Kind(put(slice(None), 0.0), 'force_constant'),
+    'every sample twice': Kind(rearranged(doubled), 'force_duplicate'),
+    'samples out of order': Kind(rearranged(out_of_order), 'force_stamp_not_after_last'),
+    'no numbers': Kind(put(slice(10_000, 14_000), np.nan), 'force_not_finite'),
+    'a gap': Kind(rearranged(without_five_seconds), 'force_gap'),
     'a clock set back': Kind(clock_set(-8 * SECOND), 'clock_jump'),
     'a clock set ahead': Kind(clock_set(3600 * SECOND), 'force_gap'),
-    'two drivers': Kind(two_drivers, 'pulse_sequence_restart'),
-    'forged pulses': Kind(forged_now_and_then, 'pulse_sequence_restart'),
+    'two drivers': Kind(second_driver(5000), 'pulse_sequence_restart'),
+    'forged pulses': Kind(second_driver(10**6, int(RATE_HZ)), 'pulse_sequence_restart'),
     'pulses far ahead': Kind(forged_far_ahead, 'pulse_far_ahead'),
     'pulses lost': Kind(pulses_lost, 'pulse_lost'),
     'intensities beyond 1': Kind(intensity_out_of_range, 'pulse_intensity_invalid'),

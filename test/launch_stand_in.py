@@ -3,30 +3,26 @@
 """What launch files import, as far as they use it, where ROS's `launch` is not installed.
 
 `launch` and `launch_ros` are not on PyPI.  Here they only keep what they are given, so that a test
-reads from a launch file which processes it would start, and starts those itself.  Where the real
-ones can be imported, `test_launch_files.py` runs `ros2 launch` as well.
+reads from a launch file which processes it would start, and starts those itself.
 """
 
 import sys
-from collections.abc import Callable
 from dataclasses import field, make_dataclass
 from types import ModuleType, SimpleNamespace
-from typing import Any
 
 
-def node(**options: Any) -> SimpleNamespace:
+def node(**options):
     """Return a process to start."""
     return SimpleNamespace(options=options)
 
 
-def value_of(argument: Any, context: Any) -> str:
+def value_of(argument, context):
     """Return the value of an argument, for which a `LaunchConfiguration` stands."""
-    value: str = context.values[argument.name]
-    return value
+    return context.values[argument.name]
 
 
 Argument = ['name', 'default_value', 'description', ('choices', list, field(default=None))]
-MODULES: dict[str, dict[str, Any]] = {
+MODULES = {
     'launch': {},
     'launch.actions': {
         'DeclareLaunchArgument': make_dataclass('DeclareLaunchArgument', Argument),
@@ -47,7 +43,7 @@ MODULES: dict[str, dict[str, Any]] = {
 MODULES['launch'] = {**MODULES['launch.launch_context'], **MODULES['launch.launch_description']}
 
 
-def install(set_item: Callable[[dict[str, Any], str, Any], None]) -> None:
+def install(set_item):
     """Put the modules where an import finds them; `set_item` is monkeypatch.setitem."""
     for name, members in MODULES.items():
         module = ModuleType(name)

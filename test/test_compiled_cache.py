@@ -6,8 +6,6 @@ import os
 import subprocess
 import sys
 
-import pytest
-
 from rpms_ros.compiled_cache import key_of
 
 CALLED = 'from numba import njit\n\n@njit(cache=True)\ndef called(x):\n    return x + {}\n'
@@ -29,17 +27,6 @@ print(caller(1), sum(caller.stats.cache_hits.values()))
 """
 
 
-@pytest.fixture
-def package(tmp_path):
-    """A package whose one function calls another one's."""
-    package = tmp_path / 'mathematics'
-    package.mkdir()
-    (package / '__init__.py').write_text('')
-    (package / 'caller.py').write_text(CALLER)
-    (package / 'called.py').write_text(CALLED.format(1))
-    return package
-
-
 def result(package):
     """Return what the compiled function says, and how often it came out of the cache."""
     environment = {**os.environ, 'PYTHONPATH': str(package.parent)}
@@ -57,7 +44,13 @@ def result(package):
     return [int(word) for word in done.stdout.split()]
 
 
-def test_old_mathematics_do_not_survive_an_edit(package):
+def test_old_mathematics_do_not_survive_an_edit(tmp_path):
+    """Of a package whose one function calls another one's."""
+    package = tmp_path / 'mathematics'
+    package.mkdir()
+    (package / '__init__.py').write_text('')
+    (package / 'caller.py').write_text(CALLER)
+    (package / 'called.py').write_text(CALLED.format(1))
     assert result(package) == [20, 0]
     assert result(package) == [20, 1]
     (package / 'called.py').write_text(CALLED.format(2))

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pulses and forces as arrays, their hash, and the axis of a sensor."""
 
+from argparse import ArgumentParser
 from functools import partial
 
 import numpy as np
@@ -66,13 +67,10 @@ def test_numbers_of_any_kind_become_arrays(kind):
     assert fields(train[train.intensity > 0.5]) == [[EPOCH_NS + 1], [1.0], [1], [1e-4]]
 
 
-def test_times_of_pandas_are_nanoseconds():
+def test_times_of_pandas_are_nanoseconds_and_arrays_that_are_kept_are_not_copied():
     stamps = pd.to_datetime(pd.Series([EPOCH_NS, EPOCH_NS + 7]))
     assert ForceTrace(stamps, [0.0, 0.0]).stamp_ns.tolist() == [EPOCH_NS, EPOCH_NS + 7]
     assert ForceTrace(np.arange(3, dtype=np.int32), np.zeros(3)).stamp_ns.dtype == np.int64
-
-
-def test_arrays_that_are_kept_are_not_copied():
     stamps, force = np.arange(3, dtype=np.int64), np.zeros(3)
     trace = ForceTrace(stamps, force)
     assert trace.stamp_ns is stamps
@@ -132,33 +130,24 @@ def test_one_by_one_is_all_at_once(pulses):
 
 @given(PULSES)
 def test_any_change_gives_another_hash(pulses):
-    train = PulseTrain.of(pulses)
-    for changed in (
-        pulses[:-1],
-        [*pulses, pulses[0]],
-        [pulses[0]._replace(onset_ns=pulses[0].onset_ns + 1), *pulses[1:]],
-        [pulses[0]._replace(intensity=pulses[0].intensity + 0.5), *pulses[1:]],
-        [pulses[0]._replace(sequence=pulses[0].sequence + 1), *pulses[1:]],
-        [pulses[0]._replace(width=pulses[0].width + 1e-6), *pulses[1:]],
-    ):
+    train, first = PulseTrain.of(pulses), pulses[0]
+    steps = {'onset_ns': 1, 'intensity': 0.5, 'sequence': 1, 'width': 1e-6}
+    others = [
+        first._replace(**{name: getattr(first, name) + step}) for name, step in steps.items()
+    ]
+    for changed in (pulses[:-1], [*pulses, first], *([one, *pulses[1:]] for one in others)):
         assert hash_of(PulseTrain.of(changed)) != hash_of(train)
 
 
 def test_a_direction_has_length_one_whatever_it_is_written_with():
     assert unit_vector('0,-5,0') == (0.0, -1.0, 0.0)
     assert unit_vector((3e200, 0.0, 4e200)) == pytest.approx((0.6, 0.0, 0.8), abs=1e-15)
+    parser = ArgumentParser()
+    add_reading_options(parser)
+    assert unit_vector(parser.parse_args(['--axis=-z']).axis) == (0.0, 0.0, -1.0)
 
 
 @pytest.mark.parametrize('text', ['', 'up', '-w', '1,2', '0,0,0', 'nan,0,1', 'inf,0,0', '1,2,3,4'])
 def test_what_is_no_direction_is_refused(text):
     with pytest.raises(AxisError, match='expected axis x, y, z, -x or three numbers'):
         unit_vector(text)
-
-
-def test_a_command_takes_a_negative_axis():
-    import argparse
-
-    parser = argparse.ArgumentParser()
-    add_reading_options(parser)
-    axis = parser.parse_args(['--axis=-z']).axis
-    assert unit_vector(axis) == (0.0, 0.0, -1.0)

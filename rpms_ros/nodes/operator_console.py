@@ -155,10 +155,9 @@ class OperatorConsole(NodeOfParts):
         elif self._state == DriverStatus.ARMED and self._schedule and not self._started:
             self._started = True
             self._pending = self.client.start(self._schedule)
-            self._pending.add_done_callback(self._await_result)
-
-    def _await_result(self, future: Future) -> None:
-        future.result().get_result_async().add_done_callback(self._tell_result)
+            self._pending.add_done_callback(
+                lambda goal: goal.result().get_result_async().add_done_callback(self._tell_result)
+            )
 
     def _tell_result(self, future: Future) -> None:
         self.client.token = ''

@@ -31,12 +31,18 @@ def test_info_says_what_the_session_holds():
     assert (info['faults'], info['remarks']) == ({}, [])
 
 
-def test_a_table_becomes_a_session(tmp_path):
+def test_a_table_becomes_a_session_of_columns_that_are_named_or_guessed(tmp_path):
     session = rpms_ros.load(table(tmp_path), columns=COLUMNS, intensity=0.8, sign=-1)
     assert session.info()['storage'] == 'table'
     # the gate is up from the first row on: the first pulse is not known, nor what it acts on
     assert session.pulses.intensity.tolist() == [0.8] * len(session.pulses)
     assert session.force.force.tolist() == [-0.5 * i for i in range(50, 200)]
+    session = rpms_ros.load(table(tmp_path))
+    named = rpms_ros.load(table(tmp_path), columns=COLUMNS)
+    assert session_hash(session.recording) == session_hash(named.recording)
+    told = dict(session.imported)
+    assert told['time'] == "'t' in s, for 1000 samples a second then (time_unit= decides)"
+    assert "pulses: 'gate'" in session.info()['imported']
 
 
 def test_a_session_is_written_and_read_again(simulated, tmp_path):
@@ -63,15 +69,6 @@ def test_a_part_has_the_samples_and_pulses_of_its_time(simulated):
     stamps = part.force.stamp_ns
     np.testing.assert_array_equal(before, np.searchsorted(stamps, part.pulses.onset_ns))
     assert part.subject is simulated.subject
-
-
-def test_what_is_what_is_guessed_and_told(tmp_path):
-    session = rpms_ros.load(table(tmp_path))
-    named = rpms_ros.load(table(tmp_path), columns=COLUMNS)
-    assert session_hash(session.recording) == session_hash(named.recording)
-    told = dict(session.imported)
-    assert told['time'] == "'t' in s, for 1000 samples a second then (time_unit= decides)"
-    assert "pulses: 'gate'" in session.info()['imported']
 
 
 def test_what_cannot_be_guessed_names_the_keyword(tmp_path):

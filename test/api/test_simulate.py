@@ -19,25 +19,20 @@ from rpms_ros.recording import session_hash
 from rpms_ros.stimulation import paper_sinusoid
 
 
-def test_it_is_the_session_of_the_command(tmp_path):
+@pytest.mark.parametrize(
+    'options',
+    [{}, {'noise': 0.05, 'drift': 0.1, 'seed': 7, 'subject': 'random'}, {'scenario': 'fatigue'}],
+)
+def test_it_is_the_session_of_the_command_with_its_truth(tmp_path, options):
     path = tmp_path / 'session'
-    options = ['--duration', '3', '--noise', '0.05', '--drift', '0.1', '--seed', '7', '--quiet']
-    assert main(['simulate', '--out', str(path), '--subject', 'random', *options]) == 0
-    session = rpms_ros.simulate(duration=3.0, noise=0.05, drift=0.1, seed=7, subject='random')
+    given = [word for name, value in options.items() for word in (f'--{name}', str(value))]
+    assert main(['simulate', '--out', str(path), '--duration', '3', *given, '--quiet']) == 0
+    session = rpms_ros.simulate(duration=3.0, **options)
     written = rpms_ros.load(path)
     np.testing.assert_array_equal(session.force.force, written.force.force)
     assert session_hash(session.recording) == session_hash(written.recording)
-
-
-@pytest.mark.parametrize('scenario', ['', 'fatigue'])
-def test_a_recording_of_the_command_has_the_truth_of_the_session(tmp_path, scenario):
-    path = tmp_path / 'session'
-    given = ['--scenario', scenario] if scenario else []
-    assert main(['simulate', '--out', str(path), '--duration', '3', *given, '--quiet']) == 0
-    session = rpms_ros.simulate(duration=3.0, scenario=scenario or None)
-    written = rpms_ros.load(path)
     assert written.subject == session.subject
-    assert (written.truth is None) == (session.truth is None) == (not scenario)
+    assert (written.truth is None) == (session.truth is None) == ('scenario' not in options)
     if session.truth is not None and written.truth is not None:
         assert written.truth.subject == session.subject
         np.testing.assert_array_equal(written.truth.stamp_ns, session.truth.stamp_ns)
@@ -84,14 +79,11 @@ def test_a_session_is_drawn_as_it_was_recorded():
     assert len(below.collections[0].get_segments()) == len(session.pulses) == 60
 
 
-FUNCTIONS = [
-    one for one in (getattr(api, name) for name in api.__all__) if inspect.isfunction(one)
-]
-METHODS = [
-    method
-    for one in (api.Session, api.Identification)
-    for name, method in inspect.getmembers(one, inspect.isfunction)
-    if not name.startswith('_')
+OFFERED = [
+    one
+    for place in (api, api.Session, api.Identification)
+    for name, one in inspect.getmembers(place, inspect.isfunction)
+    if (name in api.__all__ if place is api else not name.startswith('_'))
 ]
 
 
@@ -120,7 +112,7 @@ def test_importing_loads_no_more_than_is_needed(imported, absent):
     assert not {'rpms_ros.nodes', 'rpms_ros.cli'} & set(loaded)
 
 
-@pytest.mark.parametrize('one', [*FUNCTIONS, *METHODS], ids=lambda one: one.__qualname__)
+@pytest.mark.parametrize('one', OFFERED, ids=lambda one: one.__qualname__)
 def test_every_parameter_is_described(one):
     names = [name for name in inspect.signature(one).parameters if name != 'self']
     text = inspect.getdoc(one) or ''

@@ -32,10 +32,4 @@ def short_session(tmp_path_factory):
 def as_json(rpms):
     """Run a command that prints one JSON object; return it."""
 
-    def run(*arguments):
-        _, out, _ = rpms(*arguments)
-        document = json.loads(out)
-        assert isinstance(document, dict)
-        return document
-
-    return run
+    return lambda *arguments: json.loads(rpms(*arguments)[1])

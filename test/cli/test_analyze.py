@@ -49,23 +49,20 @@ def test_json_is_one_object_and_nothing_else(rpms, magnetic):
     assert document['twitches']['latency']['mean'] == pytest.approx(9.45e-3, abs=0.5e-3)
 
 
-def test_several_recordings_follow_one_another_and_their_remarks_are_collapsed(
-    rpms, magnetic, electrical
+def test_several_recordings_follow_one_another_and_get_a_folder_each(
+    rpms, magnetic, electrical, tmp_path
 ):
-    code, out, err = rpms('analyze', magnetic, electrical)
+    code, out, err = rpms('analyze', magnetic, electrical, '--out', tmp_path)
     assert code == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['1-rpms-1', '2-fes-1']
     magnetic_text, electrical_text = out.split('\n\n')
     # the latencies of Table 1
     for text, latency in ((magnetic_text, 9.45), (electrical_text, 24.4)):
         (mean,) = re.findall(r'\n  delay of the model +([0-9.]+) \+-', text)
         assert float(mean) == pytest.approx(latency, abs=0.5)
+    # remarks are collapsed
     assert err.count('there is no steady force') == 1
     assert 'rpms: rpms-1, fes-1: there is no steady force' in err
-
-
-def test_several_recordings_get_a_folder_each(rpms, magnetic, electrical, tmp_path):
-    assert rpms('analyze', magnetic, electrical, '--out', tmp_path)[0] == 0
-    assert sorted(path.name for path in tmp_path.iterdir()) == ['1-rpms-1', '2-fes-1']
 
 
 def test_parts_of_a_session_are_analysed_as_one(rpms, magnetic):

@@ -26,7 +26,7 @@ def write(path):
         log.append('reset', {'who': 'operator-b'})
 
 
-def test_a_whole_log(path, rpms):
+def test_a_whole_log_of_which_kinds_can_be_chosen(path, rpms):
     write(path)
     code, out, err = rpms('audit', path)
     assert (code, err) == (0, '')
@@ -37,10 +37,6 @@ def test_a_whole_log(path, rpms):
     # nothing that is logged reaches the terminal as it came
     assert r'reason \x1b[2Jexpected\n\ud800' in out
     assert 'newest hash  ' in out
-
-
-def test_kinds_can_be_chosen(path, rpms):
-    write(path)
     _, out, _ = rpms('audit', path, '--only', 'refusal,reset')
     assert 'who operator-b' in out
     assert 'session at' in out

@@ -3,7 +3,6 @@
 """`rpms check` and `rpms protocol`: verdicts, exit codes, JSON, faults of the input."""
 
 import json
-from datetime import UTC, datetime, timedelta
 
 import pytest
 
@@ -38,11 +37,6 @@ def test_the_paper_is_not_deliverable(written, rpms, name):
         assert limit in out
 
 
-def test_protocols_are_those_of_the_paper(written):
-    assert load_schedule(written('uniform_random')) == paper_random()
-    assert load_schedule(written('sinusoid', '--catch', '0')) == paper_sinusoid()
-
-
 def test_slow_protocols_have_catch_pulses(written, rpms, tmp_path):
     for name in ('sinusoid', 'staircase'):
         (segment,) = load_schedule(written(name)).segments
@@ -67,7 +61,9 @@ def test_json_is_one_object_with_its_keys(written, rpms):
     assert all(entry['reason'].startswith('expected') for entry in document['violations'])
 
 
-def test_options_change_a_protocol_or_are_refused(written, rpms, tmp_path):
+def test_protocols_are_those_of_the_paper_which_options_change(written, rpms, tmp_path):
+    assert load_schedule(written('uniform_random')) == paper_random()
+    assert load_schedule(written('sinusoid', '--catch', '0')) == paper_sinusoid()
     changed = written('uniform_random', '--rate', '10', '--duration', '5', '--seed', '7')
     assert load_schedule(changed) == paper_random(duration_s=5.0, rate_hz=10.0, seed=7)
     assert load_schedule(written('recruitment', '--rate', '20')).plan.highest_rate_hz == 20.0
@@ -112,6 +108,7 @@ def test_unusable_input_is_one_line(tmp_path, rpms, text, device, fault):
 
 def test_files_that_cannot_be_read_or_written(tmp_path, rpms):
     (tmp_path / 'bytes').write_bytes(b'segments: \xff\xfe')
+    (tmp_path / 'mine').write_text('mine')
     check = ('check', '--device', 'simulated')
     protocol = ('protocol', 'uniform_random', '--out')
     for command, fault in (
@@ -119,76 +116,50 @@ def test_files_that_cannot_be_read_or_written(tmp_path, rpms):
         ((*check, tmp_path), ': no regular file\n'),
         ((*check, tmp_path / 'bytes'), 'bytes: no text in UTF-8 at byte 10\n'),
         ((*protocol, tmp_path / 'no' / 'x.yaml'), 'expected a file to write'),
+        ((*protocol, tmp_path / 'mine'), f'a new file for the schedule, got {tmp_path / "mine"}'),
         ((*protocol, tmp_path / 'x.yaml', '--rate', '0'), 'expected a number in [0.001, 1000] Hz'),
     ):
-        code, _, err = rpms(*command)
-        assert (code, fault in err) == (2, True), err
+        code, out, err = rpms(*command)
+        assert (code, out, fault in err) == (2, '', True), err
+    assert (tmp_path / 'mine').read_text() == 'mine'
 
 
-def test_a_protocol_replaces_no_file(rpms, tmp_path):
-    path = tmp_path / 'mine.yaml'
-    path.write_text('mine')
-    code, out, err = rpms('protocol', 'sinusoid', '--out', path)
-    assert (code, out) == (2, '')
-    assert f'expected a new file for the schedule, got {path}' in err
-    assert path.read_text() == 'mine'
-
-
-PATIENT = """\
-identifier: P01
-device: rapid2-240v
-motor_threshold: 0.32
-largest_comfortable: 0.55
-dose: {pulses: 5000, energy_j: 400.0e+3, window_h: 24.0}
-rest: {train_pulses: 1800, pause_s: 3.0}
-set_by: A. Physician
-set_on: YESTERDAY
-expires: TOMORROW
-"""
-
-
-@pytest.fixture
-def patient(tmp_path):
-    path = tmp_path / 'p01.yaml'
-    # midnight may come while a test runs
-    today, day = datetime.now(UTC).date(), timedelta(1)
-    path.write_text(
-        PATIENT.replace('YESTERDAY', str(today - day)).replace('TOMORROW', str(today + day))
-    )
-    return path
-
-
-def test_a_patient_bounds_what_a_device_could_do(rpms, tmp_path, patient):
-    path = tmp_path / 's.yaml'
+def test_a_patient_bounds_what_a_device_could_do(rpms, tmp_path, patient_file):
+    path, figures = tmp_path / 's.yaml', patient_file.read_text()
     path.write_text(
         'segments:\n- {kind: ramp, rate_hz: 10.0, duration_s: 20.0, end: 0.6}\n'
         '- {kind: constant, rate_hz: 10.0, duration_s: 170.0, intensity: 0.1}\n'
     )
-    code, out, _ = rpms('check', path, '--device', 'rapid2-240v')
+    check = ('check', path, '--device', 'rapid2-240v')
+    code, out, _ = rpms(*check)
     assert code == 0
     assert "patient      none: the device's limits alone" in out
-    code, out, _ = rpms('check', path, '--device', 'rapid2-240v', '--patient', patient)
+    code, out, _ = rpms(*check, '--patient', patient_file)
     assert code == 1
     assert 'maximum_intensity: expected an intensity in [0, 0.55]' in out
-    assert 'maximum_train_pulses: expected a pause of 3 s after at most 1800 pulses' in out
+    assert 'maximum_train_pulses: expected a pause of 30 s after at most 1800 pulses' in out
     assert 'for patient P01: NOT deliverable' in out
     assert 'pulses above the motor threshold 0.32' in out
-    patient.write_text(patient.read_text().replace('pulses: 5000', 'pulses: 100'))
-    _, out, _ = rpms('check', path, '--device', 'rapid2-240v', '--patient', patient)
-    assert 'dose_pulses: expected at most 100 pulses in 24 h, got 1900' in out
-    patient.write_text(patient.read_text().replace('energy_j: 400.0e+3', 'energy_j: 10.0'))
-    _, out, _ = rpms('check', path, '--device', 'rapid2-240v', '--patient', patient)
-    assert 'dose_energy_j: expected at most 10 J in 24 h, got' in out
+    for before, after, reason in (
+        (
+            'pulses: 4000',
+            'pulses: 100',
+            'dose_pulses: expected at most 100 pulses in 24 h, got 19',
+        ),
+        ('200.0e+3', '10.0', 'dose_energy_j: expected at most 10 J in 24 h, got'),
+    ):
+        patient_file.write_text(figures.replace(before, after))
+        assert reason in rpms(*check, '--patient', patient_file)[1]
 
 
-def test_patients_that_do_not_fit(rpms, tmp_path, patient):
+def test_patients_that_do_not_fit(rpms, tmp_path, patient_file):
     path = tmp_path / 's.yaml'
     path.write_text('segments: [{kind: single, intensity: 0.1}]')
-    code, _, err = rpms('check', path, '--device', 'simulated', '--patient', patient)
+    code, _, err = rpms('check', path, '--device', 'simulated', '--patient', patient_file)
     assert code == 2
     assert "patient P01: expected figures found with 'simulated'" in err
-    figures, _ = patient.read_text().split('set_on: ')
-    patient.write_text(f'{figures}set_on: 2020-01-01\nexpires: 2020-01-01\n')
-    code, _, err = rpms('check', path, '--device', 'rapid2-240v', '--patient', patient)
+    figures, _ = patient_file.read_text().split('set_on: ')
+    patient_file.write_text(f'{figures}set_on: 2020-01-01\nexpires: 2020-01-01\n')
+    code, _, err = rpms('check', path, '--device', 'rapid2-240v', '--patient', patient_file)
     assert code == 2
     assert 'expected a day from 2020-01-01 to 2020-01-01' in err

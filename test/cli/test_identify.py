@@ -15,8 +15,8 @@ import pytest
 from scipy.integrate import trapezoid
 
 import rpms_ros
+from rpms_ros.cli import main
 from rpms_ros.muscle import twitch
-from rpms_ros.nodes.identifier import IdentifierParameters, build_estimator
 from rpms_ros.pulses import ForceTrace, PulseTrain
 from rpms_ros.recording import read_recording, write_recording
 from rpms_ros.report.result import FOLLOWED, NOT_A_TWITCH, IdentificationOptions, identified
@@ -31,24 +31,21 @@ KEYS = [
 ]
 
 
-def test_no_latency_is_below_zero(rpms, as_json, short_session):
-    """The simulated muscle answers at once: the estimate lies at its bound."""
-    found = as_json('identify', short_session, '--json')['physiology']
-    assert all(one['lower'] >= 0.0 for one in found.values())
-    # a tenth of a sample
-    assert found['latency_s']['value'] < 1e-4
-    _, out, _ = rpms('identify', short_session)
-    assert re.search(r'delay of the model +at most \d\.\d+ ms\n', out), out
-
-
-def test_table_and_files(rpms, short_session, tmp_path):
+def test_table_and_files_with_no_latency_below_zero(rpms, short_session, tmp_path):
     folder = tmp_path / 'new' / 'results'
     code, out, _ = rpms('identify', short_session, '--out', folder)
     assert code == 0
     for word in ('batch', '10000 samples, 200 pulses', 'u_thr', 'faults', 'none'):
         assert word in out
     assert ') at intensity 0.5' in out
-    assert list(json.loads((folder / 'result.json').read_text())) == KEYS
+    document = json.loads((folder / 'result.json').read_text())
+    assert list(document) == KEYS
+    # the simulated muscle answers at once: the estimate lies at its bound
+    found = document['physiology']
+    assert all(one['lower'] >= 0.0 for one in found.values())
+    # a tenth of a sample
+    assert found['latency_s']['value'] < 1e-4
+    assert re.search(r'delay of the model +at most \d\.\d+ ms\n', out), out
     assert (folder / 'session.png').read_bytes().startswith(b'\x89PNG')
     assert '<svg' in (folder / 'session.svg').read_text()
 
@@ -239,18 +236,25 @@ def test_what_was_not_predicted_is_no_error_of_prediction(rpms, tmp_path):
     assert rpms('report', tmp_path / 'short', '--out', tmp_path / 'report.html')[0] == 1
 
 
+@pytest.fixture(scope='module')
+def sinusoid(tmp_path_factory):
+    """A short sinusoid with noise."""
+    path = tmp_path_factory.mktemp('sinusoid') / 'session'
+    options = ['--schedule', 'sinusoid', '--duration', '18', '--noise', '0.02', '--quiet']
+    assert main(['simulate', '--out', str(path), *options]) == 0
+    return path
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(('estimator', 'told'), [('recursive', True), ('batch', False)])
 def test_a_response_that_is_no_twitch_is_told_from_the_twitch_closest_to_it(
-    rpms, tmp_path, estimator, told
+    rpms, sinusoid, tmp_path, estimator, told
 ):
     """The functions of `recursive` begin after this muscle does: two peaks of its force differ."""
-    session, report = tmp_path / 'session', tmp_path / 'report.html'
-    simulated = ['--schedule', 'sinusoid', '--duration', 18, '--noise', 0.02, '--seed', 1]
-    rpms('simulate', '--out', session, *simulated)
-    _, out, _ = rpms('identify', session, '--estimator', estimator)
+    report = tmp_path / 'report.html'
+    _, out, _ = rpms('identify', sinusoid, '--estimator', estimator)
     assert (NOT_A_TWITCH in ' '.join(out.split())) == told
-    rpms('report', session, '--estimator', estimator, '--out', report)
+    rpms('report', sinusoid, '--estimator', estimator, '--out', report)
     assert (f'<p>The response is {NOT_A_TWITCH}.</p>' in report.read_text()) == told
 
 
@@ -260,20 +264,14 @@ FULL, PEAK = 10.0, 3.52
 NEAR_FULL, NEAR_PEAK = 0.005, 0.03
 
 
-def test_a_short_sinusoid_with_noise_is_right_or_is_said_not_to_be(rpms, as_json, tmp_path):
-    session = tmp_path / 'session'
-    rpms(
-        *('simulate', '--out', session, '--schedule', 'sinusoid', '--duration', 18),
-        *('--noise', 0.02, '--quiet'),
-    )
-    found = as_json('identify', session, '--json')
+def test_a_short_sinusoid_with_noise_is_right_or_is_said_not_to_be(rpms, as_json, sinusoid):
+    found = as_json('identify', sinusoid, '--json')
     assert found['estimator'] == 'batch'
     assert found['curve']['force'][-1] == pytest.approx(FULL, rel=NEAR_FULL)
     assert max(found['impulse_response']['force']) == pytest.approx(PEAK, rel=NEAR_PEAK)
     assert found['physiology']['twitch_peak_n']['value'] == pytest.approx(PEAK, rel=0.05)
     # The paper's recursion is far off, and that is said.
-    paper = ('--estimator', 'recursive', '--preset', 'paper_table_4')
-    code, out, _ = rpms('identify', session, *paper)
+    code, out, _ = rpms('identify', sinusoid, *PAPER)
     assert code == 3
     assert 'no: ' in out
     assert 'steady force' not in out
@@ -290,11 +288,6 @@ def test_the_sample_of_the_readme_has_the_saturation_that_it_was_made_with(as_js
     # Noise of 0.02 N, the sharpness alpha_thr of 5 taken for 6, and a basis with 0.5 % of its own.
     assert found['output_error_of_range'] < 0.012
     assert found['curve']['force'][-1] == pytest.approx(FULL, rel=0.1)
-
-
-def test_the_node_runs_the_recursion_for_people():
-    estimator = build_estimator(IdentifierParameters())
-    assert type(estimator).__name__ == 'FixedSizeRecursion'
 
 
 @pytest.mark.long

@@ -22,17 +22,12 @@ COMMANDS = ('info', 'verify', 'identify', 'analyze')
 NOBODY = 65534
 
 
-def refused(rpms, path, reason):
-    """Every command says in one line why it cannot read this."""
-    for command in COMMANDS:
-        code, out, err = rpms(command, path)
-        assert (code, out) == (2, ''), command
-        assert err.startswith(f'rpms: error: {reason}'), err
-        assert err.count('\n') == 1
-
-
 def test_names_cannot_break_the_line(rpms, short_session, tmp_path):
-    refused(rpms, tmp_path / 'a\nb\x1b[2J', f'expected a recording at {tmp_path}/a\\nb\\x1b[2J')
+    for command in COMMANDS:
+        code, out, err = rpms(command, tmp_path / 'a\nb\x1b[2J')
+        assert (code, out) == (2, ''), command
+        reason = f'rpms: error: expected a recording at {tmp_path}/a\\nb\\x1b[2J'
+        assert (err.startswith(reason), err.count('\n')) == (True, 1), err
     path = tmp_path / 'c\nd\x1b[2J'
     shutil.copytree(short_session, path)
     os.truncate(path / 'short_0.mcap', 400_000)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from rpms_ros.recording import read_recording, session_hash, write_recording
-from rpms_ros.recording.rosbag.definitions import known_types
+from rpms_ros.recording.rosbag.definitions import encoded, known_types
 from rpms_ros.recording.rosbag.reading import ACCEPTED_SCHEDULE
 from rpms_ros.recording.rosbag.writing import FurtherTopic
 from rpms_ros.report.figures import FIGURES
@@ -63,39 +63,26 @@ TEXT = 'name: warm-up\nsegments: [{kind: single}]\n'
 HASH = hashlib.sha256(TEXT.encode()).hexdigest()
 
 
-def serialised(kind, *fields):
-    store = known_types()
-    return bytes(store.serialize_cdr(store.types[kind](*fields), kind))
-
-
-def header(stamp_ns):
-    types = known_types().types
-    time = types['builtin_interfaces/msg/Time'](*divmod(stamp_ns, 10**9))
-    return types['std_msgs/msg/Header'](time, 'coil')
-
-
 def accepted(name='warm-up', digest=HASH, duration=10.0):
-    fields = (header(10**18), name, TEXT, digest, 'ada', 200, duration)
-    return serialised(ACCEPTED_SCHEDULE, *fields)
+    """A schedule of 200 pulses that was accepted at 10^18 ns, serialised."""
+    types = known_types().types
+    header = types['std_msgs/msg/Header'](types['builtin_interfaces/msg/Time'](10**9, 0), 'coil')
+    message = types[ACCEPTED_SCHEDULE](header, name, TEXT, digest, 'ada', 200, duration)
+    return encoded(message, ACCEPTED_SCHEDULE)
 
 
-def with_messages(source, path, kind, *messages, **options):
-    """Return a copy of a recording with messages of one more topic, received before the rest."""
+def with_schedules(source, path, *messages, width=None):
+    """Return a copy of a recording with schedules that were accepted before the rest came."""
     recording = read_recording(source)
-    name = '/accepted_schedule' if kind == ACCEPTED_SCHEDULE else '/more'
     time_ns = [int(recording.pulses.onset_ns[0])] * len(messages)
-    further = [FurtherTopic(name, kind, time_ns, messages)]
-    pulses = options.pop('pulses', recording.pulses)
-    write_recording(path, pulses, recording.forces, further=further, **options)
+    further = [FurtherTopic('/accepted_schedule', ACCEPTED_SCHEDULE, time_ns, messages)]
+    pulses = recording.pulses if width is None else replace(recording.pulses, width=width)
+    write_recording(path, pulses, recording.forces, further=further)
     return path
 
 
-@pytest.fixture
-def announced(short_session, tmp_path):
-    return with_messages(short_session, tmp_path / 'announced', ACCEPTED_SCHEDULE, accepted())
-
-
-def test_info_and_verify_show_name_and_hash(rpms, announced):
+def test_info_verify_and_identify_show_schedule_and_session(rpms, short_session, tmp_path):
+    announced = with_schedules(short_session, tmp_path / 'announced', accepted())
     code, out, err = rpms('info', announced)
     assert (code, err) == (0, '')
     line = f'warm-up, 200 pulses, 10 s, started by ada, sha256 {HASH}'
@@ -106,9 +93,6 @@ def test_info_and_verify_show_name_and_hash(rpms, announced):
     (schedule,) = json.loads(rpms('info', announced, '--json')[1])['schedules']
     assert (schedule['name'], schedule['sha256']) == ('warm-up', HASH)
     assert (schedule['pulses'], schedule['accepted_ns']) == (200, 10**18)
-
-
-def test_identify_shows_schedule_and_session(rpms, announced):
     code, out, _ = rpms('identify', announced)
     assert code == 0
     assert f'warm-up, sha256 {HASH}' in ' '.join(out.split())
@@ -118,8 +102,7 @@ def test_identify_shows_schedule_and_session(rpms, announced):
 
 
 def test_a_text_that_does_not_fit_its_hash_is_named(rpms, short_session, tmp_path):
-    changed = accepted(digest='0' * 64)
-    path = with_messages(short_session, tmp_path / 'bag', ACCEPTED_SCHEDULE, changed)
+    path = with_schedules(short_session, tmp_path / 'bag', accepted(digest='0' * 64))
     code, out, _ = rpms('verify', path)
     assert code == 1
     assert 'FAULT    /accepted_schedule: the text of warm-up is not the one whose hash' in out
@@ -128,9 +111,7 @@ def test_a_text_that_does_not_fit_its_hash_is_named(rpms, short_session, tmp_pat
 
 def test_hostile_schedules_are_left_out_or_made_harmless(rpms, short_session, tmp_path):
     moving = accepted('\x1b[2J\n' + 'x' * 5000, duration=math.nan)
-    path = with_messages(
-        short_session, tmp_path / 'bag', ACCEPTED_SCHEDULE, moving, accepted()[:30], b'\0\1'
-    )
+    path = with_schedules(short_session, tmp_path / 'bag', moving, accepted()[:30], b'\0\1')
     code, out, _ = rpms('info', path, '--json')
     document = json.loads(out, parse_constant=pytest.fail)
     assert code == 1
@@ -144,11 +125,8 @@ def test_hostile_schedules_are_left_out_or_made_harmless(rpms, short_session, tm
 def test_a_report_holds_hash_and_schedule_and_takes_widths_that_are_no_number(
     rpms, short_session, tmp_path
 ):
-    pulses = read_recording(short_session).pulses
-    without = replace(pulses, width=np.full(len(pulses), math.nan))
-    path = with_messages(
-        short_session, tmp_path / 'bag', ACCEPTED_SCHEDULE, accepted(), pulses=without
-    )
+    widths = np.full(200, math.nan)
+    path = with_schedules(short_session, tmp_path / 'bag', accepted(), width=widths)
     code, _, err = rpms('report', path, '--out', tmp_path / 'page.html')
     assert (code, err) == (0, '')
     page = (tmp_path / 'page.html').read_text()

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """rpms simulate: what it writes is what was asked for."""
 
+import re
+
 import numpy as np
 import pytest
 from rosbags.rosbag2 import Reader
@@ -79,8 +81,6 @@ def test_a_file_says_itself_how_long_and_how_fast(rpms, tmp_path):
     ],
 )
 def test_bad_options(rpms, tmp_path, options, message):
-    import re
-
     code, out, err = rpms('simulate', '--out', tmp_path / 'session', '--duration', 1, *options)
     assert (code, out) == (2, '')
     assert re.match(f'rpms: error: .*{message}', err), err
@@ -88,9 +88,8 @@ def test_bad_options(rpms, tmp_path, options, message):
 
 
 def test_existing_folder_is_not_touched(rpms, tmp_path):
-    code, _, err = rpms('simulate', '--out', tmp_path)
-    assert code == 2
-    assert err == f'rpms: error: expected a new folder for the recording, got {tmp_path}\n'
+    message = f'rpms: error: expected a new folder for the recording, got {tmp_path}\n'
+    assert rpms('simulate', '--out', tmp_path) == (2, '', message)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -2,14 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """A dynamometer measures a torque: every number of every command is then in N m."""
 
-import json
 import re
 
 import numpy as np
 import pytest
 
 from rpms_ros.api import load
-from rpms_ros.cli import main
 from rpms_ros.errors import RecordingError
 from rpms_ros.muscle import Contraction, simulation_subject
 from rpms_ros.pulses import ForceTrace, PulseTrain
@@ -51,30 +49,27 @@ def test_a_torque_is_read_where_one_is_asked_for(recording):
         read_recording(recording, quantity='power')
 
 
-def test_identify_states_newton_metres(recording, capsys):
-    documents = []
-    for options in ([], OPTIONS):
-        main(['identify', '--quiet', '--json', str(recording), *options])
-        documents.append(json.loads(capsys.readouterr().out))
-    force, torque = documents
+def test_identify_states_newton_metres(rpms, as_json, recording):
+    identify = ('identify', '--quiet', recording)
+    force, torque = as_json(*identify, '--json'), as_json(*identify, '--json', *OPTIONS)
     assert (force['unit'], torque['unit']) == ('N', 'N m')
     # scale moves only what is linear; the solver stops at a step, not at the last bit
     np.testing.assert_allclose(
         torque['curve']['force'], ARM * np.array(force['curve']['force']), atol=1e-3
     )
-    main(['identify', '--quiet', str(recording), *OPTIONS])
-    said = capsys.readouterr().out
+    _, said, _ = rpms(*identify, *OPTIONS)
     assert 'steady torque at 20 Hz' in said
     assert re.search(r'at 20 Hz +2\.\d+ N m \(|0\.0\d+ N m', said)
     assert not re.search(r'\d N[ ,](?!m)', said)
     assert 'force' not in said
 
 
-def test_a_torque_is_imported_and_saved_as_one(tmp_path, capsys):
+def test_a_torque_is_imported_and_saved_as_one(rpms, tmp_path):
     table, again = tmp_path / 'leg.csv', tmp_path / 'again'
     table.write_text('time [s],torque [Nm],trigger [V]\n0,0.5,0\n0.1,1.5,5\n0.2,2.5,0\n')
-    assert main(['import', str(table), '--out', str(again)]) == 0
-    assert 'a torque: read it with --quantity torque' in capsys.readouterr().out
+    code, out, _ = rpms('import', table, '--out', again)
+    assert code == 0
+    assert 'a torque: read it with --quantity torque' in out
     after = load(again, quantity='torque')
     after.save(tmp_path / 'saved')
     assert load(tmp_path / 'saved', quantity='torque').force.force.tolist() == [0.5, 1.5, 2.5]

@@ -1,21 +1,39 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What pages refer to is there, what is generated holds everything, examples run."""
+"""README, CONTRIBUTING and docs: what they refer to is there, every command and program runs.
 
-import ast
+A page is read from top to bottom, in one folder that looks like that of the repository.  In fences
+
+- ``bash``: every line is a command; ``# exit status 1`` behind it says that it is to end so
+- ``console``: lines that begin with ``$`` are commands, the others their output
+- ``python``: a program
+- ``text``, ``yaml``, ``toml``, ``ini``: neither
+
+and in a comment above one
+
+- ``<!-- not run: REASON -->``
+- ``<!-- stopped after N s: REASON -->``: a node, which runs until N s after it is on the graph
+  and ends well when it is interrupted
+- ``<!-- file: NAME -->``: what it holds is a file that the commands of the page find
+"""
+
 import doctest
 import importlib
-import importlib.util
 import inspect
 import json
 import os
 import re
+import signal
+import subprocess
 import sys
-from dataclasses import fields
+import sysconfig
+from dataclasses import dataclass, fields
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+import rpms_ros
 from rpms_ros.cli import COMMANDS
 from rpms_ros.identification import catalogue
 from rpms_ros.identification.quality.doubts import MEANING, REASON
@@ -29,6 +47,175 @@ PAGES = [
     for path in (ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *sorted(DOCS.rglob('*.md')))
     if 'generated' not in path.parts
 ]
+KNOWN = {'bash', 'console', 'python', 'text', 'yaml', 'toml', 'ini', 'json'}
+FENCE = re.compile(
+    r'^(?P<indent> *)(?:<!-- (?P<comment>[^\n]*?) -->\n *)?'
+    r'```(?P<kind>[^\n]*)\n(?P<body>.*?)^ *```$',
+    re.MULTILINE | re.DOTALL,
+)
+MARK = re.compile(
+    r'(?:not run|stopped after (?P<seconds>\d+) s): (?P<reason>.{10,})|file: (?P<file>\S+)'
+)
+# These end with the verdict on the data: good, doubtful, no.
+GRADED = ('rpms identify', 'rpms report', 'rpms study')
+VERDICTS = (0, 1, 3)
+# what a reader has beside the repository
+SHARED = ('bags', 'bench', 'config', 'docs', 'launch', 'msg_defs', 'rpms_ros', 'tools')
+# a bound for what hangs: the first run on a machine compiles, and others may use it meanwhile
+TIMEOUT = 900
+
+
+@dataclass(frozen=True)
+class Fence:
+    """One fence of a page."""
+
+    kind: str
+    body: str
+    comment: str
+
+    @property
+    def run(self):
+        return self.kind in ('bash', 'console', 'python') and not self.comment.startswith(
+            'not run'
+        )
+
+    def says(self, name):
+        """What the comment says: `seconds` after which it is interrupted, or a `file`."""
+        found = MARK.fullmatch(self.comment)
+        return found[name] if found else None
+
+    def commands(self):
+        """Yield each command with the exit statuses that it may have."""
+        text = self.body
+        if self.kind == 'console':
+            text = '\n'.join(re.findall(r'^\$ (.*)', text, re.MULTILINE))
+        for line in text.replace('\\\n', ' ').splitlines():
+            if line.strip() and not line.lstrip().startswith('#'):
+                status = re.search(r'# exit status (\d)', line)
+                usual = VERDICTS if line.startswith(GRADED) else (0,)
+                yield line, (int(status[1]),) if status else usual
+
+
+def fences(path):
+    for found in FENCE.finditer(path.read_text(encoding='utf-8')):
+        body = re.sub(f'^{found["indent"]}', '', found['body'], flags=re.MULTILINE)
+        yield Fence(found['kind'].strip(), body, found['comment'] or '')
+
+
+def name_of(path):
+    return str(path.relative_to(ROOT))
+
+
+@pytest.fixture(scope='module')
+def examples(tmp_path_factory):
+    """What the pages call by a name of the reader: a session and a table."""
+    folder = tmp_path_factory.mktemp('examples')
+    session = rpms_ros.simulate(duration=8.0, noise=0.02)
+    session.save(folder / 'session')
+    time = (session.force.stamp_ns - session.force.stamp_ns[0]) / 1e9
+    onset = np.searchsorted(session.force.stamp_ns, session.pulses.onset_ns)
+    gate = 5.0 * np.isin(np.arange(len(time)), [onset, onset + 1])
+    columns = np.column_stack([time, session.force.force, gate])
+    head = 'Time [s],fGM [N],STIM [ ]'
+    np.savetxt(folder / 'trial.csv', columns, '%.6f', ',', header=head, comments='')
+    return folder
+
+
+@pytest.fixture
+def scratch(tmp_path, examples, domain, monkeypatch):
+    """Be in a folder like that of the repository, in which a reader may write."""
+    for name in SHARED:
+        (tmp_path / name).symlink_to(ROOT / name)
+    for path in examples.iterdir():
+        (tmp_path / path.name).symlink_to(path)
+    scripts = sysconfig.get_path('scripts')
+    (tmp_path / '.venv').mkdir()
+    (tmp_path / '.venv' / 'bin').symlink_to(scripts)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv('PATH', scripts, prepend=os.pathsep)
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
+    monkeypatch.setenv('ROS_LOG_DIR', str(tmp_path / 'ros_log'))
+    monkeypatch.setenv('MPLBACKEND', 'agg')
+    monkeypatch.setenv('COLUMNS', '100')
+
+
+@pytest.fixture
+def on_the_graph(context):
+    """Tell whether a node of a name is on the graph of the test's domain."""
+    from rclpy.node import Node
+
+    looker = Node('looker', context=context, use_global_arguments=False)
+    yield lambda name: name in looker.get_node_names()
+    looker.destroy_node()
+
+
+def ends_well(command, statuses):
+    done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT, check=False)
+    assert done.returncode in statuses, f'{command[-1]}\n{done.stdout}\n{done.stderr}'
+    assert 'Traceback' not in done.stderr, f'{command[-1]}\n{done.stderr}'
+
+
+def runs_until_stopped(command, seconds, there, wait_for):
+    """Start a node, interrupt it some seconds after it is on the graph; it must not end before."""
+    name = Path(command.split()[0]).name
+    # one of its name may be left from the command before
+    wait_for(lambda: not there(name), TIMEOUT)
+    process = subprocess.Popen(
+        ['bash', '-c', f'exec {command}'],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    try:
+        wait_for(lambda: there(name) or process.poll() is not None, TIMEOUT)
+        output, _ = process.communicate(timeout=seconds)
+    except subprocess.TimeoutExpired:
+        process.send_signal(signal.SIGINT)
+        output, _ = process.communicate(timeout=TIMEOUT)
+        assert process.returncode == 0, f'{command}\n{output}'
+    else:
+        pytest.fail(f'expected that it runs until it is stopped: {command}\n{output}')
+    finally:
+        process.kill()
+
+
+# a page is a dozen processes, each of which loads what the package stands on
+@pytest.mark.long
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize('path', [p for p in PAGES if any(f.run for f in fences(p))], ids=name_of)
+@pytest.mark.usefixtures('scratch')
+def test_a_page_runs_as_it_is_written(path, on_the_graph, wait_for):
+    for fence in fences(path):
+        if name := fence.says('file'):
+            Path(name).write_text(fence.body)
+    for fence in fences(path):
+        if not fence.run:
+            continue
+        if fence.kind == 'python':
+            # -P: by the path through the scratch folder numba would compile everything once more
+            program = [sys.executable, '-P', '-c', fence.body]
+            ends_well(program, (0,))
+            continue
+        for command, statuses in fence.commands():
+            if seconds := fence.says('seconds'):
+                runs_until_stopped(command, int(seconds), on_the_graph, wait_for)
+            else:
+                ends_well(['bash', '-c', command], statuses)
+
+
+@pytest.mark.parametrize('path', PAGES, ids=name_of)
+def test_every_fence_says_what_it_holds(path):
+    for fence in fences(path):
+        directive = re.fullmatch(r'\{[\w-]+\}.*', fence.kind)
+        assert fence.kind in KNOWN or directive, f'{fence.kind!r}: {fence.body[:60]}'
+        assert not fence.comment or MARK.fullmatch(fence.comment), fence.comment
+    text = path.read_text(encoding='utf-8')
+    # commands that are indented, not fenced, would be run by nobody
+    assert not re.findall(r'^    (?:rpms|make|ros2|pip|python|colcon) .*$', text, re.MULTILINE)
+
+
+# names of figures, each that of the function that draws it
+DRAWN = re.findall(r"'(\w+)': \1\b", (DOCS / 'figures.py').read_text())
 LINK = re.compile(
     r'(?P<image>!?)\[[^\]\n]*\]\((?!https?:|mailto:)(?P<path>[^)#\s]*)(?:#[^)\s]*)?\)'
 )
@@ -41,28 +228,11 @@ def links(path):
             yield bool(found['image']), found['path']
 
 
-def module(name):
-    """Import a script of the folder docs."""
-    specification = importlib.util.spec_from_file_location(f'docs_{name}', DOCS / f'{name}.py')
-    found = importlib.util.module_from_spec(specification)
-    sys.modules[f'docs_{name}'] = found
-    specification.loader.exec_module(found)
-    return found
-
-
-def drawn():
-    """Return the names of the figures that docs/figures.py draws, without drawing them."""
-    for node in ast.parse((DOCS / 'figures.py').read_text()).body:
-        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == 'FIGURES':
-            return {f'{key.value}.png' for key in node.value.keys}
-    return set()
-
-
-@pytest.mark.parametrize('path', PAGES, ids=lambda path: str(path.relative_to(ROOT)))
+@pytest.mark.parametrize('path', PAGES, ids=name_of)
 def test_links_lead_somewhere(path):
     for image, target in links(path):
         place = path.parent / target
-        made = image and place.resolve().parent == DOCS / 'figures' and place.name in drawn()
+        made = image and place.resolve().parent == DOCS / 'figures' and place.stem in DRAWN
         made = made or 'generated/' in target
         assert made or place.exists(), target
 
@@ -73,9 +243,9 @@ def test_the_list_of_decisions_names_every_page_once():
     assert sorted(listed) == sorted({path.name for path in folder.glob('*.md')} - {'README.md'})
 
 
-def test_the_reference_holds_every_command_parameter_and_message():
+def test_the_reference_holds_every_command_parameter_and_message(module_at):
     environment = dict(os.environ)
-    pages = dict(module('generate').pages())
+    pages = dict(module_at(DOCS / 'generate.py').pages())
     # a width left behind would fold the tables of other tests
     assert dict(os.environ) == environment
     for name in COMMANDS:
@@ -108,13 +278,6 @@ def test_every_file_and_dotted_name_is_there(title):
     for name in {*re.findall(r'`(rpms_ros(?:\.\w+)+)`', WALKS[title])} - groups:
         module, _, member = name.rpartition('.')
         assert hasattr(importlib.import_module(module), member), name
-
-
-def test_the_modules_of_the_two_ways_are_there():
-    (text,) = re.findall(r'^## Two ways.*?(?=^## )', PAGE, re.MULTILINE | re.DOTALL)
-    names = re.findall(r'`(\w+(?:/\w+)+)`', text)
-    assert len(names) > 30
-    assert [name for name in names if not (ROOT / 'rpms_ros' / f'{name}.py').exists()] == []
 
 
 def test_groups_and_options_are_named():

@@ -108,7 +108,6 @@ def compare(title: str, passed: list[str]) -> None:
     way = [name for name in way if '/' in name or Path(PACKAGE, f'{name}.py').exists()]
     found = list(dict.fromkeys(passed))
     passed = [name for name in found if name not in values]
-    print(f'{title}: {len(way)} modules, and {len(values)} of values and messages')
     assert passed == way, f'CONTRIBUTING.md, expected {passed}, got {way}'
     unused = set(values) - set(found)
     assert not unused, f'CONTRIBUTING.md, expected no value that is not used, got {unused}'

@@ -3,19 +3,20 @@
 """Recordings of simulated muscles, made once."""
 
 from collections.abc import Callable, Sequence
-from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 import pytest
 
-from rpms_ros.identification import CURVE_INTENSITY, Estimate
-from rpms_ros.muscle import Contraction, Subject, simulation_subject
-from rpms_ros.pulses import FloatArray, ForceTrace, IntArray, PulseTrain
+from rpms_ros.identification import Estimate
+from rpms_ros.identification.analysis.responses import Response
+from rpms_ros.muscle import Contraction, simulation_subject
+from rpms_ros.pulses import FloatArray, ForceTrace, PulseTrain
 
 MILLISECOND = 1_000_000
+GATE_VOLTS = 4.0
 Record = Callable[..., tuple[PulseTrain, ForceTrace]]
 
 
@@ -36,65 +37,10 @@ def record() -> Record:
     return simulate
 
 
-class Take(NamedTuple):
-    """Pulses and force samples of a muscle."""
-
-    subject: Subject
-    onset_ns: IntArray
-    intensity: FloatArray
-    stamp_ns: IntArray
-    force: FloatArray
-
-    @property
-    def curve(self) -> FloatArray:
-        """True steady force [N] (101,)."""
-        curve = self.subject.steady_force(CURVE_INTENSITY, 20.0)
-        return curve - curve[0]
-
-    def curve_error(self, estimate: Estimate) -> float:
-        """Worst error of the curve, relative to its maximum."""
-        return float(np.abs(estimate.curve_force - self.curve).max() / self.curve.max())
-
-    def feed(self, estimator, first_s=-np.inf, last_s=np.inf, block=10**9) -> FloatArray:
-        """Hand a part to an estimator, in blocks of samples; return its predictions."""
-        pulses = (self.onset_ns >= 1e9 * first_s) & (self.onset_ns < 1e9 * last_s)
-        estimator.add_pulses(self.onset_ns[pulses], self.intensity[pulses])
-        first, last = (int(np.clip(1000 * at, 0, len(self.force))) for at in (first_s, last_s))
-        edges = [*range(first, last, block), last]
-        return np.concatenate(
-            [
-                estimator.update(
-                    self.stamp_ns[a:b], self.force[a:b], np.ones(b - a, dtype=np.bool_)
-                )
-                for a, b in pairwise(edges)
-            ]
-        )
-
-    def fit(self, estimator, last_s=np.inf) -> Estimate:
-        """Return the estimate after the first seconds."""
-        self.feed(estimator, last_s=last_s)
-        return estimator.estimate(int(self.stamp_ns[-1]), {})
-
-
 @pytest.fixture(scope='session')
-def recorded() -> Callable[..., Take]:
+def recorded(living_sessions) -> Callable[..., Any]:
     """Record a muscle at 1 kHz under random or given intensities, with noise and a rest after."""
-
-    def make(
-        seconds, intensity=None, noise=0.0, seed=0, subject=None, rate_hz=20.0, silence=0.0
-    ) -> Take:
-        generator = np.random.default_rng(seed)
-        muscle = subject if subject is not None else simulation_subject()
-        drawn = generator.uniform(0.0, 1.0, int(seconds * rate_hz))
-        train = PulseTrain.regular(drawn if intensity is None else intensity, rate_hz, 1_000)
-        contraction = Contraction(muscle)
-        contraction.add_pulses(train.onset_ns, train.intensity)
-        stamp = MILLISECOND * np.arange(int((seconds + silence) * 1000), dtype=np.int64)
-        force = contraction.force(stamp)
-        force += noise * np.abs(force).max() * generator.standard_normal(len(force))
-        return Take(muscle, train.onset_ns, train.intensity, stamp, force)
-
-    return make
+    return living_sessions.recorded
 
 
 @pytest.fixture(scope='session')
@@ -120,8 +66,25 @@ def numpy_recursion(module_at) -> ModuleType:
 
 
 @pytest.fixture(scope='session')
+def rat_train() -> Callable[..., Response]:
+    """The train in a trial of the rat, by the path of its file, and every so many samples."""
+
+    def read(path: Path, step: int = 1) -> Response:
+        time, _, gate, force = np.loadtxt(path, delimiter=',', skiprows=1, usecols=range(4)).T
+        high = gate > GATE_VOLTS
+        onset = time[1:][high[1:] & ~high[:-1]]
+        part = np.flatnonzero((time >= onset[0] - 0.05) & (time < onset[-1] + 0.5))[::step]
+        usable = np.ones(len(part), dtype=np.bool_)
+        return Response(
+            onset - onset[0], time[part] - onset[0], force[part], usable, np.nan, np.nan
+        )
+
+    return read
+
+
+@pytest.fixture(scope='session')
 def living_sessions(beside) -> ModuleType:
-    """The module of sessions in the folder of all tests: `session`, `SUBJECT`."""
+    """The module of sessions in the folder of all tests: `session`, `recorded`, `SUBJECT`."""
     return beside('living_sessions')
 
 

@@ -24,10 +24,8 @@ def doubts(name, what) -> tuple[str, ...]:
     """Return the doubts of the last estimate of a session."""
     pulses = PulseTrain.regular(what.intensity, 20.0, 1_000)
     settings = StreamSettings(estimate_period=5.0)
-    found = identify(
-        estimator_by_name(name), pulses, ForceTrace(what.stamp_ns, what.force), settings
-    )
-    return found.last.doubts
+    forces = ForceTrace(what.stamp_ns, what.force)
+    return identify(estimator_by_name(name), pulses, forces, settings).last.doubts
 
 
 @pytest.mark.parametrize('name', ['recursive', 'tracking'])
@@ -159,22 +157,16 @@ def test_flags_decide_over_parameters(estimate, flags, informed):
     assert informed_parameters(one).tolist() == informed
 
 
-BASIS = LaguerreBasis(7, 38e-3, 8e-3)
-READER = TwitchReader(BASIS)
-
-
-def coefficients(constant, latency, order, peak):
-    time = np.arange(2e-3, BASIS.duration, 4e-3)
-    return np.linalg.pinv(BASIS.evaluate(time)) @ (peak * twitch(time - latency, constant, order))
-
-
 @pytest.mark.parametrize('order', [2, 3, 4])
 @pytest.mark.parametrize('constant', [0.022, 0.038, 0.058])
 @pytest.mark.parametrize('latency', [6e-3, 0.015])
 def test_a_response_that_is_known_well_is_read_exactly(constant, latency, order):
-    truth = np.array([constant, latency, order, 5.0])
-    response = coefficients(*truth)
-    found = READER.read(response, 1e-10 * np.eye(len(response)))
+    basis, truth = LaguerreBasis(7, 38e-3, 8e-3), np.array([constant, latency, order, 5.0])
+    time = np.arange(2e-3, basis.duration, 4e-3)
+    response = np.linalg.pinv(basis.evaluate(time)) @ (
+        5.0 * twitch(time - latency, constant, order)
+    )
+    found = TwitchReader(basis).read(response, 1e-10 * np.eye(len(response)))
     assert len(found.values) == len(PHYSIOLOGY_NAMES)
     # the reader takes the basis to miss 0.1 % of the response: its deviations say what that means
     assert (np.abs(found.values - truth) < found.deviations).all()

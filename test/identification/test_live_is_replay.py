@@ -143,7 +143,20 @@ def test_live_is_replay(images, record, name, wrong, cuts, delay):
     check_live_is_replay(images, name, arrivals, cuts, waiting)
 
 
+def test_pulses_that_are_known_ahead_count_when_they_act(images, record):
+    # a second intensity is settled with the samples of 2.2 to 2.3 s, but not with those until
+    # 2.25 s, when the estimator takes a step
+    intensity = np.concatenate((np.zeros(46), [0.6, 0.9], np.full(20, 0.7)))
+    pulses, forces = record(intensity, START_NS + 20 * MILLISECOND)
+    noise = 0.02 * np.random.default_rng(8).standard_normal(len(forces))
+    arrivals = arrivals_of(pulses, ForceTrace(forces.stamp_ns, forces.force + noise))
+    for every in (1, 7):
+        cuts = range(0, len(arrivals), every)
+        check_live_is_replay(images, 'tracking', arrivals, cuts, StreamSettings())
+
+
 SLOW_HZ = 50
+STEP_NS = SECOND // SLOW_HZ
 SLOW_SECONDS = 40
 PULSES_IN_A_SECOND = 20
 
@@ -180,15 +193,8 @@ def test_live_is_replay_for_long_with_a_slow_sensor(images, slow_session, name, 
     check_live_is_replay(images, name, arrivals, cuts, StreamSettings())
 
 
-def late_and_back(count, ahead_ns) -> list[Arrival]:
-    """A slow sensor, pulses much too late, and `ahead_ns` after them a clock that is set back."""
-    step_ns = SECOND // SLOW_HZ
-    samples = [(START_NS + index * step_ns, 0.0) for index in range(6 * SLOW_HZ)]
-    place = 3 * SLOW_HZ
-    late = [Pulse(START_NS + index * MILLISECOND, 0.5, index) for index in range(count)]
-    jump = place + ahead_ns // step_ns
-    back = [moved(one, -6 * SECOND) for one in samples[jump:]]
-    return [*samples[:place], *late, *samples[place:jump], *back]
+def slow_samples(seconds) -> list[Arrival]:
+    return [(START_NS + index * STEP_NS, 0.0) for index in range(seconds * SLOW_HZ)]
 
 
 @pytest.mark.parametrize('ahead_ns', range(0, 2 * SECOND, 500 * MILLISECOND))
@@ -196,17 +202,20 @@ def late_and_back(count, ahead_ns) -> list[Arrival]:
     ('name', 'count'), [('recursive', 3), ('recursive', 2500), ('tracking', 3)]
 )
 def test_late_pulses_count_at_one_time(images, name, ahead_ns, count):
-    arrivals = late_and_back(count, ahead_ns)
+    """A slow sensor, pulses much too late, and `ahead_ns` after them a clock that is set back."""
+    samples, place = slow_samples(6), 3 * SLOW_HZ
+    late = [Pulse(START_NS + index * MILLISECOND, 0.5, index) for index in range(count)]
+    jump = place + ahead_ns // STEP_NS
+    back = [moved(one, -6 * SECOND) for one in samples[jump:]]
+    arrivals = [*samples[:place], *late, *samples[place:jump], *back]
     every_sample = list(range(len(arrivals)))
     check_live_is_replay(images, name, arrivals, every_sample, StreamSettings())
 
 
 @pytest.mark.parametrize('after_ms', range(19_980, 20_300, 40))
 def test_far_pulses_are_given_up_at_one_time(images, after_ms):
-    step_ns = SECOND // SLOW_HZ
-    samples = [(START_NS + index * step_ns, 0.0) for index in range(12 * SLOW_HZ)]
-    far = Pulse(START_NS + after_ms * MILLISECOND, 0.5, 0)
-    arrivals = [samples[0], far, *samples[1:]]
+    first, *others = slow_samples(12)
+    arrivals = [first, Pulse(START_NS + after_ms * MILLISECOND, 0.5, 0), *others]
     # Before ten seconds it is not given up anyhow.
     every_late_sample = list(range(9 * SLOW_HZ, len(arrivals)))
     check_live_is_replay(images, 'recursive', arrivals, every_late_sample, StreamSettings())
@@ -218,10 +227,8 @@ def test_a_flood_is_refused_alike(images, monkeypatch, cut_every, ahead_ms):
     """More pulses than there is room for, with limits that a test can reach."""
     monkeypatch.setattr('rpms_ros.identification.stream.pulse_queue.MOST_PULSES', 40)
     monkeypatch.setattr('rpms_ros.identification.stream.pulse_queue.MOST_IN_A_SECOND', 30)
-    step_ns = SECOND // SLOW_HZ
-    samples = [(START_NS + index * step_ns, 0.0) for index in range(14 * SLOW_HZ)]
     arrivals: list[Arrival] = [Pulse(START_NS + index * SECOND, 0.5, index) for index in range(50)]
-    for index, sample in enumerate(samples):
+    for index, sample in enumerate(slow_samples(14)):
         arrivals.append(sample)
         if index > SLOW_HZ:
             ahead_ns = ahead_ms * MILLISECOND + 1000 * index

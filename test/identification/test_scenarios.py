@@ -43,7 +43,7 @@ def contraction(intensity, seconds, gain=None):
     pulses = PulseTrain.regular(intensity, 20.0, 1_000)
     stamp = np.arange(int(1000 * seconds), dtype=np.int64) * 1_000_000
     force = np.zeros(len(stamp))
-    scale = np.ones(len(pulses.onset_ns)) if gain is None else gain
+    scale = np.ones(len(pulses)) if gain is None else gain
     for level in np.unique(scale):
         muscle = Contraction(SUBJECT)
         some = scale == level
@@ -58,10 +58,6 @@ def random_intensity(seconds):
     return np.random.default_rng(3).uniform(0, 1, 20 * seconds)
 
 
-def steady():
-    return contraction(random_intensity(15), 15)
-
-
 def step_of_gain():
     gain = np.ones(20 * 38)
     gain[20 * 12 :] = 0.7
@@ -72,11 +68,6 @@ def fatigue():
     """Gain falls by 10 % within 30 s, in steps of a second."""
     gain = np.repeat(1.0 - 0.1 * np.arange(30) / 30, 20)
     return contraction(random_intensity(30), 30, gain)
-
-
-def silence():
-    intensity = random_intensity(10)
-    return contraction(intensity, 35)
 
 
 def gap():
@@ -98,10 +89,6 @@ def clock_jump():
     )
 
 
-def constant_intensity():
-    return contraction(np.full(200, 0.8), 10)
-
-
 def saturated_sensor():
     taken = contraction(random_intensity(15), 15)
     force = np.minimum(taken.forces.force, 0.4 * taken.forces.force.max())
@@ -110,9 +97,7 @@ def saturated_sensor():
 
 def no_force():
     taken = contraction(random_intensity(10), 10)
-    return taken._replace(
-        forces=ForceTrace(taken.forces.stamp_ns, np.zeros(len(taken.forces.force)))
-    )
+    return taken._replace(forces=ForceTrace(taken.forces.stamp_ns, 0.0 * taken.forces.force))
 
 
 class Expected(NamedTuple):
@@ -131,15 +116,19 @@ class Expected(NamedTuple):
 CLIPPED = frozenset({'force_clipped', 'force_frozen', 'samples_excluded'})
 # Coverage is that of one session: the points of a curve lie inside or outside together.
 SCENARIOS = {
-    'steady': Expected(steady, frozenset(), 0.005, 0.5, True),
+    'steady': Expected(
+        lambda: contraction(random_intensity(15), 15), frozenset(), 0.005, 0.5, True
+    ),
     'step of gain': Expected(step_of_gain, frozenset(), np.inf, 0.0, True, {'force_unexplained'}),
     'fatigue': Expected(fatigue, frozenset(), 0.08, 0.0, True),
-    'silence': Expected(silence, frozenset(), 0.01, 0.5, True),
+    'silence': Expected(
+        lambda: contraction(random_intensity(10), 35), frozenset(), 0.01, 0.5, True
+    ),
     'gap': Expected(gap, frozenset({'force_gap', 'samples_excluded'}), 0.01, 0.5, True),
     'clock jump': Expected(
         clock_jump, frozenset({'clock_jump', 'samples_excluded'}), 0.01, 0.5, True
     ),
-    'constant intensity': Expected(constant_intensity),
+    'constant intensity': Expected(lambda: contraction(np.full(200, 0.8), 10)),
     'saturated sensor': Expected(saturated_sensor, CLIPPED, 0.01, 0.5, True, {'force_artifact'}),
     'no force': Expected(no_force, frozenset({'force_constant'})),
 }

@@ -14,20 +14,17 @@ NAMES = ('tracking', 'recursive')
 FOR_PEOPLE = ('batch', 'recursive', pytest.param('tracking', marks=pytest.mark.long))
 
 
-def session(record, name, spoil=None, step=1) -> IdentifiedSession:
+def session(
+    record, name, spoil=None, step=1, pulses=160, preset='paper_table_4'
+) -> IdentifiedSession:
     """Eight seconds of random pulses; `spoil` changes the force, in samples of 1 kHz."""
-    pulses, forces = record(np.random.default_rng(11).uniform(size=160))
+    # the muscle answers at once, as the paper's simulated plant does
+    train, forces = record(np.random.default_rng(11).uniform(size=pulses))
     force = forces.force + 0.02 * np.random.default_rng(12).standard_normal(len(forces))
     if spoil is not None:
         spoil(force)
     trace = ForceTrace(forces.stamp_ns[::step], force[::step])
-    # the muscle answers at once, as the paper's simulated plant does
-    return identify(estimator_by_name(name, 'paper_table_4'), pulses, trace)
-
-
-def bump(force) -> None:
-    """Longer than neighbours can tell: half of those within 10 ms are part of it."""
-    force[6010:6026] += 4.0
+    return identify(estimator_by_name(name, preset), train, trace)
 
 
 @pytest.mark.parametrize('name', NAMES)
@@ -45,8 +42,7 @@ def test_one_sample_of_a_slow_sensor_is_set_aside(record, name):
 @pytest.mark.parametrize('name', NAMES)
 def test_nothing_is_set_aside_where_nothing_is_wrong(record, name):
     for step in (1, 10):
-        found = session(record, name, step=step)
-        assert found.usable.all()
+        assert session(record, name, step=step).usable.all()
 
 
 @pytest.mark.parametrize('name', NAMES)
@@ -83,6 +79,10 @@ def test_early_jumps_effort_and_bursts_are_no_outliers(record, name, spoil, most
 
 
 def test_an_outlier_leaves_the_curve_alone(record):
+    def bump(force) -> None:
+        """Longer than neighbours can tell: half of those within 10 ms are part of it."""
+        force[6010:6026] += 4.0
+
     clean = session(record, 'tracking')
     found = session(record, 'tracking', bump)
     moved = np.abs(found.last.curve_force - clean.last.curve_force).max()
@@ -92,12 +92,11 @@ def test_an_outlier_leaves_the_curve_alone(record):
 
 @pytest.mark.parametrize('name', FOR_PEOPLE)
 def test_bumps_are_set_aside_for_people_too(record, name):
-    pulses, forces = record(np.random.default_rng(11).uniform(size=400))
-    force = forces.force + 0.02 * np.random.default_rng(12).standard_normal(len(forces))
-    for first in range(10_000, 19_500, 700):
-        force[first : first + 15] += 8.0
-    estimator = estimator_by_name(name)
-    found = identify(estimator, pulses, ForceTrace(forces.stamp_ns, force)).last
+    def bumps(force) -> None:
+        for first in range(10_000, 19_500, 700):
+            force[first : first + 15] += 8.0
+
+    found = session(record, name, bumps, pulses=400, preset='people').last
     assert found.faults == {'force_outlier': 14 * 15, 'samples_excluded': 14 * 15}
 
 
@@ -119,23 +118,18 @@ def constant_train(pulses_hz, samples_hz) -> tuple[PulseTrain, ForceTrace]:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(('pulses_hz', 'samples_hz'), RATES)
-def test_the_maximum_of_a_train_is_no_end_of_a_range(pulses_hz, samples_hz):
+@pytest.mark.parametrize(
+    ('pulses_hz', 'samples_hz', 'digits'),
+    [*((*rates, 99) for rates in RATES), (50, 1000, 4), (50, 1000, 6)],
+)
+def test_the_maximum_of_a_train_is_no_end_of_a_range(pulses_hz, samples_hz, digits):
     pulses, forces = constant_train(pulses_hz, samples_hz)
-    # what makes the train look clipped: its maximum comes often, to the last digit
-    assert np.count_nonzero(forces.force == forces.force.max()) > SECONDS * pulses_hz / 2
-    last = identify(estimator_by_name('recursive'), pulses, forces).last
-    assert 'force_clipped' not in last.faults
-    assert 'force_clipped' not in last.doubts
-
-
-@pytest.mark.long
-@pytest.mark.parametrize('digits', [4, 6])
-def test_nor_is_that_of_a_rounded_train(digits):
-    pulses, forces = constant_train(50, 1000)
     rounded = ForceTrace(forces.stamp_ns, np.round(forces.force, digits))
+    # what makes the train look clipped: its maximum comes often, to the last digit
+    assert np.count_nonzero(rounded.force == rounded.force.max()) > SECONDS * pulses_hz / 2
     last = identify(estimator_by_name('recursive'), pulses, rounded).last
     assert 'force_clipped' not in last.faults
+    assert 'force_clipped' not in last.doubts
 
 
 @pytest.mark.long

@@ -6,7 +6,7 @@ import math
 import os
 import subprocess
 import sys
-from collections.abc import Mapping
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -15,7 +15,6 @@ from rpms_ros.errors import IdentificationError
 from rpms_ros.identification import (
     CURVE_INTENSITY,
     BatchEstimator,
-    Estimate,
     ModifiedRecursiveLM,
     StreamSettings,
     estimator_by_name,
@@ -29,20 +28,17 @@ from rpms_ros.pulses import NANOSECONDS_PER_SECOND, ForceTrace, PulseTrain
 SECOND = 1_000_000_000
 
 
-def joined(first, second) -> ForceTrace:
-    return ForceTrace(
-        np.concatenate((first.stamp_ns, second.stamp_ns)),
-        np.concatenate((first.force, second.force)),
-    )
-
-
 @pytest.mark.parametrize('back', [2, 3600])
 def test_pulses_after_a_jump_back_are_used(record, back):
     first_pulses, first = record(np.random.default_rng(7).uniform(size=240), 5000 * SECOND)
     start_ns = (5012 - back) * SECOND
     later_pulses, later = record(np.random.default_rng(8).uniform(size=240), start_ns)
     pulses = PulseTrain.joined([first_pulses, later_pulses])
-    session = identify(ModifiedRecursiveLM(), pulses, joined(first, later))
+    forces = ForceTrace(
+        np.concatenate((first.stamp_ns, later.stamp_ns)),
+        np.concatenate((first.force, later.force)),
+    )
+    session = identify(ModifiedRecursiveLM(), pulses, forces)
     assert session.last.faults == {'clock_jump': 1, 'samples_excluded': 351}
     assert session.last.pulses == 480
     # some 4 N; a pulse that is missing leaves 1 N
@@ -61,38 +57,28 @@ def test_one_wrong_stamp_does_not_cost_the_rest(record, wrong_ns):
 
 
 @pytest.mark.parametrize(
-    'force', [np.empty(0), np.full(3, math.nan)], ids=['empty', 'not a number']
+    ('force', 'message'),
+    [
+        ([], 'expected at least one finite force sample'),
+        ([math.nan] * 3, 'expected at least one finite force sample'),
+        ([20e3, 27e3, 25e3], 'at most 10000 N or N m, got 3 samples from 20000 to 27000.*-scale'),
+        ([-3e4, math.nan], 'at most 10000 N or N m, got 1 sample from.*-scale'),
+    ],
 )
-def test_nothing_to_learn_from_is_refused(force):
-    forces = ForceTrace(np.arange(len(force)), force)
-    with pytest.raises(IdentificationError, match='expected at least one finite force sample'):
-        identify(ModifiedRecursiveLM(), PulseTrain.of([]), forces)
-
-
-@pytest.mark.parametrize(
-    ('force', 'found'),
-    [([20e3, 27e3, 25e3], '3 samples from 20000 to 27000'), ([-3e4, math.nan], '1 sample from')],
-)
-def test_forces_that_no_muscle_has_are_named(force, found):
+def test_nothing_to_learn_from_and_forces_that_no_muscle_has_are_refused(force, message):
     forces = ForceTrace(np.arange(len(force)), np.array(force))
-    with pytest.raises(IdentificationError, match=f'at most 10000 N or N m, got {found}.*-scale'):
+    with pytest.raises(IdentificationError, match=message):
         identify(ModifiedRecursiveLM(), PulseTrain.of([]), forces)
 
 
 def test_the_batch_from_python_fits_once_for_the_whole_recording(record, monkeypatch):
     pulses, forces = record(np.random.default_rng(7).uniform(size=240))
     estimator = BatchEstimator()
-    made: list[int] = []
-    estimate = estimator.estimate
-
-    def counted(stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
-        made.append(stamp_ns)
-        return estimate(stamp_ns, faults)
-
+    counted = Mock(wraps=estimator.estimate)
     monkeypatch.setattr(estimator, 'estimate', counted)
     session = identify(estimator, pulses, forces)
     # not ten a second, which would take as long as the recording is squared
-    assert made == [int(forces.stamp_ns[-1])]
+    assert [call.args[0] for call in counted.call_args_list] == [int(forces.stamp_ns[-1])]
     assert len(session.estimates) == 1
 
 
@@ -166,13 +152,7 @@ def test_what_is_wrong_before_settling_does_not_count(seconds, settled):
 
 def test_nothing_usable_has_no_error():
     stamp, force, usable = predicted(1)
-    error = output_error(stamp, force, force, ~usable)
-    assert math.isnan(error.newton)
-    assert math.isnan(error.of_range)
-
-
-SUBJECT = Subject()
-TRUTH = SUBJECT.steady_force(CURVE_INTENSITY, 20.0)
+    assert np.isnan(output_error(stamp, force, force, ~usable)).all()
 
 
 @pytest.fixture(name='cut', scope='module')
@@ -180,7 +160,7 @@ def cut_fixture() -> tuple[PulseTrain, ForceTrace]:
     """The part of a session from 5.02 s on."""
     generator = np.random.default_rng(5)
     pulses = PulseTrain.regular(generator.uniform(size=300), 20.0)
-    muscle = Contraction(SUBJECT)
+    muscle = Contraction(Subject())
     muscle.add_pulses(pulses.onset_ns, pulses.intensity)
     stamps = np.arange(15_000, dtype=np.int64) * 1_000_000
     force = muscle.force(stamps) + 0.02 * generator.standard_normal(len(stamps))
@@ -192,7 +172,8 @@ def cut_fixture() -> tuple[PulseTrain, ForceTrace]:
 def test_the_curve_is_that_of_the_muscle(cut, name):
     estimator = estimator_by_name(name)
     found = identify(estimator, *cut)
-    assert np.abs(found.last.curve_force - TRUTH).max() < 0.005 * TRUTH.max()
+    truth = Subject().steady_force(CURVE_INTENSITY, 20.0)
+    assert np.abs(found.last.curve_force - truth).max() < 0.005 * truth.max()
     # up to the first pulse that is heard, and as long as those before it may act
     excluded = round(1000 * estimator.memory) + 30
     assert found.last.faults == {'samples_excluded': pytest.approx(excluded, abs=2)}

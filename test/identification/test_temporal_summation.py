@@ -11,7 +11,6 @@ import pytest
 
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification import estimator_by_name
-from rpms_ros.identification.analysis.responses import Response
 from rpms_ros.identification.analysis.trains import fit_scaled, fit_train, pulse_twitches
 from rpms_ros.identification.estimation.blocks import PulseDelayLine
 from rpms_ros.identification.model.summation import PulseHistory, TemporalSummation
@@ -23,19 +22,6 @@ FOLDER = Path(os.environ.get('RPMS_RECORDINGS', Path(__file__).parents[2] / '../
 TRIALS = sorted((FOLDER / 'rat_gastrocnemius').glob('*.csv'))
 # docs/analysis.md: learned on the trains of 4 and 7 pulses; T_a of equal pulses is 9 ms.
 RAT = TemporalSummation(3.2, 1.26, 1.36, 0.156, 0.65 * 9e-3)
-ANALYSIS = {
-    'summation': {
-        'order': 3,
-        'time_constant': 9e-3,
-        'law': {
-            'half_level': 3.2,
-            'cooperation': 1.26,
-            'facilitation': 1.36,
-            'facilitation_decay': 0.156,
-            'series_lag': 0.011,
-        },
-    }
-}
 
 
 def test_a_steady_train_of_the_stated_rate_weighs_one():
@@ -81,7 +67,12 @@ def test_a_pulse_of_no_intensity_does_nothing_to_the_next():
 
 def test_the_numbers_come_from_an_analysis_or_a_file(tmp_path):
     path = tmp_path / 'analysis.json'
-    path.write_text(json.dumps(ANALYSIS))
+    law = {
+        'half_level': 3.2, 'cooperation': 1.26, 'facilitation': 1.36, 'facilitation_decay': 0.156,
+        'series_lag': 0.011,
+    }  # fmt: skip
+    summation = {'order': 3, 'time_constant': 9e-3, 'law': law}
+    path.write_text(json.dumps({'summation': summation}))
     assert TemporalSummation.of_file(path) == RAT
     path.write_text('{"facilitation": 0.5, "order": 2}')
     assert TemporalSummation.of_file(path) == TemporalSummation(facilitation=0.5, order=2)
@@ -120,19 +111,13 @@ def test_the_recursion_has_no_law():
 
 
 @pytest.mark.skipif(not TRIALS, reason=f'no recordings in {FOLDER} (set RPMS_RECORDINGS)')
-def test_long_trains_of_a_rat_are_explained_better():
+def test_long_trains_of_a_rat_are_explained_better(rat_train):
     equal, weighted = [], []
-    for path in TRIALS[::3]:
-        time, _, gate, force = np.loadtxt(path, delimiter=',', skiprows=1, usecols=range(4)).T
-        onset = time[1:][(gate[1:] > 4.0) & (gate[:-1] <= 4.0)]
-        if len(onset) < 7:
+    for train in [rat_train(path, 4) for path in TRIALS[::3]]:
+        if len(train.onset) < 7:
             continue
-        part = np.flatnonzero((time >= onset[0] - 0.05) & (time < onset[-1] + 0.5))[::4]
-        lag, usable = time[part] - onset[0], np.ones(len(part), dtype=np.bool_)
-        train = Response(onset - onset[0], lag, force[part], usable, np.nan, np.nan)
-        weights = PulseHistory(RAT, 20.0).weights(
-            np.rint(1e9 * train.onset).astype(np.int64), np.ones(len(onset))
-        )
+        onset_ns = np.rint(1e9 * train.onset).astype(np.int64)
+        weights = PulseHistory(RAT, 20.0).weights(onset_ns, np.ones(len(onset_ns)))
 
         def shape(latency, constant, train=train, weights=weights):
             return pulse_twitches(train, 3, latency, constant) @ weights

@@ -7,10 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rpms_ros.identification.model.estimate import Estimate
+from rpms_ros.identification import CURVE_INTENSITY
 from rpms_ros.live.heard import Topic
 from rpms_ros.live.session import LiveSession
-from rpms_ros.muscle.recruitment import PARAMETER_NAMES
 
 START_NS = 1_700_000_000_000_000_000
 
@@ -34,33 +33,20 @@ def session():
     return LiveSession('/', topics)
 
 
-def _estimate(**fields):
-    time = np.linspace(0.0, 0.4, 81)
-    grid = np.linspace(0.0, 1.0, 101)
-    return Estimate(
-        **{
-            'stamp_ns': START_NS + 1_000_000_000,
-            'estimator': 'tracking',
-            'nonlinear_names': PARAMETER_NAMES,
-            'nonlinear': np.array([0.3, 0.7, 6.0, 6.0]),
-            'linear_names': ('basis_1', 'baseline_1', 'baseline_2'),
-            'linear': np.array([1.0, 5.0, 0.5]),
-            'repetition_rate': 20.0,
-            'curve_intensity': grid,
-            'curve_force': 10.0 * grid,
-            'response_time': time,
-            'response_force': 100.0 * time * np.exp(-time / 0.04),
-            'output_error': 0.01,
-            'samples': 1000,
-            'pulses': 20,
-            **fields,
-        }
-    )
-
-
 @pytest.fixture
-def make_estimate():
-    return _estimate
+def make_estimate(beside):
+    """Make an estimate of a second after the start, with a baseline of 0.5 N."""
+    made_up, time = beside('made_up_estimates'), np.linspace(0.0, 0.4, 81)
+    plain = {
+        'stamp_ns': START_NS + 1_000_000_000,
+        'nonlinear': np.array([0.3, 0.7, 6.0, 6.0]),
+        'linear_names': ('basis_1', 'baseline_1', 'baseline_2'),
+        'linear': np.array([1.0, 5.0, 0.5]),
+        'curve_force': 10.0 * CURVE_INTENSITY,
+        'response_time': time,
+        'response_force': 100.0 * time * np.exp(-time / 0.04),
+    }
+    return lambda **fields: made_up.estimate(0, **{**plain, **fields})
 
 
 @pytest.fixture

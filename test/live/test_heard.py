@@ -18,14 +18,11 @@ def topic():
     return Topic('/pulses', PULSE, 0.5)
 
 
-def test_a_topic_that_nobody_publishes(topic):
+def test_a_topic_that_nobody_publishes_or_of_another_type(topic):
     topic.publishers = []
     view = topic.view(1.0)
     assert view['state'] == 'never'
     assert view['text'] == f'nobody publishes it; expected type {PULSE}'
-
-
-def test_a_topic_of_another_type(topic):
     topic.publishers = [Publisher('/mine', 'std_msgs/msg/Float64')]
     assert topic.view(1.0)['text'] == f'expected type {PULSE}, got std_msgs/msg/Float64'
 

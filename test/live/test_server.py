@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The server against those who mean it harm: other pages, floods, giants, the slow, the many."""
+"""Who may look and stop; the server against other pages, floods, giants, the slow, the many."""
 
 import asyncio
 import contextlib
@@ -19,7 +19,7 @@ from tornado.iostream import StreamClosedError
 from tornado.websocket import WebSocketClosedError, websocket_connect
 
 from rpms_ros.errors import LiveError
-from rpms_ros.live.server import FILES, Access, LiveServer
+from rpms_ros.live.server import FILES, Access, LiveServer, token_of
 from rpms_ros.live.session import Cursor
 
 TOKEN = 'correct-horse-battery'
@@ -284,3 +284,52 @@ def test_the_plotting_library_is_the_published_one() -> None:
         '/uPlot.js': '19c8d4c6ad88929a79f4ae49d6f7161566dfd0ba3d15cc495e974f787eb78f1f',
         '/uPlot.css': 'df630c6a8d6f8eeaff264b50f73ce5b114f646ffd9a0bb74f049b0a00135fa04',
     }
+
+
+def test_addresses_and_allowed_names_are_answered_and_no_name_that_could_be_made_to_point_here():
+    own = ('127.0.0.1', '127.0.0.1:8765', 'localhost:1', '[::1]:8765', '192.168.0.7:80')
+    access = Access(hosts=('lab-pc',))
+    assert [one for one in (*own, 'LAB-PC:8765') if not access.knows_host(one)] == []
+    names = ('', 'evil.example', 'evil.example:8765', 'localhost.evil.example', '0x7f.1', '::1')
+    odd = ('a@127.0.0.1', '127.0.0.1/', '127.0.0.1:x', '[::1', '127.0.0.1 evil')
+    others = (*names, '127.0.0.1.evil.example', *odd)
+    assert [one for one in others if Access().knows_host(one)] == []
+
+
+def test_a_request_of_another_page_is_told_from_the_page_s_own():
+    own = '127.0.0.1:8765'
+    assert Access.same_origin(None, own)
+    assert Access.same_origin(f'http://{own}', own)
+    foreign = ('http://evil.example', 'null', '', 'http://127.0.0.1:8766', 'file://', 'http://[')
+    assert not any(Access.same_origin(one, own) for one in foreign)
+
+
+def test_only_the_token_stops():
+    token = 'correct horse battery'
+    access = Access(token)
+    assert access.may_stop(f'Bearer {token}')
+    wrong = ('Bearer ', f'Bearer {token}x', token, f'Basic {token}', 'Bearer é\udcff')
+    assert not any(access.may_stop(one) for one in (None, '', *wrong))
+    # a page without a token cannot be stopped by an empty one
+    assert not Access().may_stop('Bearer ')
+
+
+@pytest.mark.parametrize('token', ['short', 'x' * 201])
+def test_a_token_that_can_be_guessed_or_is_none_is_refused(token):
+    with pytest.raises(LiveError, match='expected a token of 16 to 200 characters, got'):
+        Access(token)
+
+
+def test_a_token_file_is_of_its_owner_alone(tmp_path):
+    path = tmp_path / 'token'
+    path.write_text(f'{TOKEN}\n')
+    path.chmod(0o644)
+    with pytest.raises(LiveError, match='readable by its owner only, got mode 644'):
+        token_of(path)
+    path.chmod(0o600)
+    assert token_of(path) == TOKEN
+    path.write_text('\n')
+    with pytest.raises(LiveError, match=r'expected a token in .*, got an empty file'):
+        token_of(path)
+    with pytest.raises(LiveError, match='expected a file with a token, got'):
+        token_of(tmp_path)

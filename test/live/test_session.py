@@ -41,15 +41,6 @@ def test_frames_one_after_another_are_the_whole_course(session, start_ns):
     assert low == pytest.approx([0.005 * index for index in range(len(low))])
 
 
-def test_a_jump_of_the_clock_tells_the_browser_to_begin_anew(session, start_ns):
-    feed(session, start_ns, 0, 1000)
-    cursor, first = session.frame(Cursor())
-    feed(session, start_ns - 10**12, 0, 1000)
-    _, again = session.frame(cursor)
-    assert (first['force']['epoch'], again['force']['epoch']) == (0, 1)
-    assert again['force']['first'] == 0
-
-
 def test_the_modelled_force_is_the_sum_of_the_responses(make_estimate, start_ns):
     model, estimate = ModelledForce(), make_estimate()
     stamps = start_ns + np.arange(200) * BIN_NS
@@ -164,7 +155,8 @@ def test_numbers_that_are_not_finite_are_null(session, make_estimate, make_statu
 def test_an_estimate_of_any_size_makes_a_small_frame(session, make_estimate):
     many = 200_000
     along = np.linspace(0.0, 1.0, many)
-    lines = ('curve_intensity', 'curve_force', 'response_time', 'response_force')
+    curve = ('curve_intensity', 'curve_force', 'curve_lower', 'curve_upper')
+    lines = (*curve, 'response_time', 'response_force')
     session.estimate(
         make_estimate(
             estimator='x' * 10_000,
@@ -180,7 +172,7 @@ def test_an_estimate_of_any_size_makes_a_small_frame(session, make_estimate):
     assert frame['estimate']['curve']['along'][0::100] == [0.0, 1.0]
 
 
-def test_pulses_from_before_a_jump_of_the_clock_are_not_sent_again(session, start_ns):
+def test_a_jump_of_the_clock_tells_the_browser_to_begin_anew(session, start_ns):
     feed(session, start_ns, 0, 1000)
     for index in range(20):
         session.pulse(Pulse(start_ns + 50 * index * MILLISECOND, 0.5, index))
@@ -190,7 +182,9 @@ def test_pulses_from_before_a_jump_of_the_clock_are_not_sent_again(session, star
     session.pulse(Pulse(start_ns - 10**12 + 30 * MILLISECOND, 0.25, 20))
     feed(session, start_ns - 10**12, 0, 1000)
     _, again = session.frame(cursor)
-    # the epoch begins with the fifth sample of the new clock
+    assert (first['force']['epoch'], again['force']['epoch']) == (0, 1)
+    assert again['force']['first'] == 0
+    # no pulse from before is sent again; the epoch begins with the fifth sample of the new clock
     assert again['pulses'] == [[pytest.approx(0.03, abs=0.005), 0.25]]
 
 

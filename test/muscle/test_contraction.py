@@ -47,11 +47,6 @@ def superposition(subject, onset_ns, intensity, stamp_ns, rate_hz):
     return total
 
 
-def grid(start_s, stop_s):
-    """Return stamps at 1 kHz."""
-    return MILLISECOND * np.arange(round(1000 * start_s), round(1000 * stop_s), dtype=np.int64)
-
-
 @given(subjects, onsets, stamps, st.sampled_from([None, 12.0, 20.0, 35.0]))
 def test_force_is_the_sum_of_all_twitches(subject, onset, stamp, rate_hz):
     onset_ns = np.sort(np.array(onset))
@@ -84,10 +79,10 @@ def test_a_late_pulse_acts_from_its_own_time(onset, delays):
 
 def test_a_pulse_before_the_first_sample_has_its_rate():
     stream = Contraction(average_subject())
-    stream.force(grid(1.0, 1.001))
+    stream.force(1000 * MILLISECOND)
     onset_ns = np.array([960, 1010]) * MILLISECOND
     stream.add_pulses(onset_ns, [0.8, 0.9])
-    stamp_ns = grid(1.001, 1.2)
+    stamp_ns = np.arange(1001, 1200) * MILLISECOND
     expected = superposition(average_subject(), onset_ns, np.array([0.8, 0.9]), stamp_ns, None)
     # As above; the second pulse has its rate of 20 Hz only if the first one is still known.
     np.testing.assert_allclose(stream.force(stamp_ns), expected, rtol=1e-11, atol=1e-11)
@@ -130,19 +125,17 @@ EVERYTHING = LivingSettings(
 )
 
 
-def train(seconds, rate_hz=20.0):
-    intensity = np.random.default_rng(3).uniform(0.3, 1.0, round(rate_hz * seconds))
-    return PulseTrain.regular(intensity, rate_hz, EPOCH_NS)
+RANDOM = np.random.default_rng(3).uniform(0.3, 1.0, 80)
 
 
 def epoch_grid(seconds):
     return EPOCH_NS + MILLISECOND * np.arange(round(1000 * seconds), dtype=np.int64)
 
 
-def living(changing, rate_hz=None, seconds=3.0):
-    muscle = Contraction(average_subject(), rate_hz, changing, EPOCH_NS)
-    pulses = train(seconds)
-    muscle.add_pulses(pulses.onset_ns, pulses.intensity)
+def living(changing, rate_hz=None, intensity=RANDOM[:60], subject=None):
+    """Return a muscle that changes, with pulses at 20 Hz."""
+    muscle = Contraction(subject or average_subject(), rate_hz, changing, EPOCH_NS)
+    muscle.add_pulses(PulseTrain.regular(intensity, 20.0, EPOCH_NS).onset_ns, intensity)
     return muscle
 
 
@@ -187,7 +180,7 @@ def chain(subject, pulses, fatigue, seconds):
 
 
 def test_fatigue_follows_its_differential_equations():
-    muscle, pulses = living(TIRING, 20.0, 4.0), train(4.0)
+    muscle, pulses = living(TIRING, 20.0, RANDOM), PulseTrain.regular(RANDOM, 20.0, EPOCH_NS)
     force = muscle.force(epoch_grid(4.0) + MILLISECOND)[-1]
     state = muscle.state(EPOCH_NS)
     slow = state.time_constant / average_subject().time_constant
@@ -211,8 +204,7 @@ def test_a_tired_muscle_recovers_with_its_time_constant():
 
 
 def test_force_never_falls_below_the_lowest_gain():
-    exhausting = LivingSettings(Fatigue(force_loss=50.0, lowest_gain=0.2))
-    muscle = living(exhausting)
+    muscle = living(LivingSettings(Fatigue(force_loss=50.0, lowest_gain=0.2)))
     force = muscle.force(epoch_grid(3.0))
     assert muscle.state(EPOCH_NS).fatigue == pytest.approx(0.2, abs=0.01)
     assert (force >= 0.0).all()
@@ -220,10 +212,7 @@ def test_force_never_falls_below_the_lowest_gain():
 
 def test_potentiation_grows_towards_its_largest_value_and_fades():
     growing = LivingSettings(potentiation=Potentiation(0.5, 0.2, 30.0))
-    subject = average_subject()
-    muscle = Contraction(subject, settings=growing, start_ns=EPOCH_NS)
-    pulses = PulseTrain.regular(np.ones(60), 20.0, EPOCH_NS)
-    muscle.add_pulses(pulses.onset_ns, pulses.intensity)
+    muscle = living(growing, intensity=np.ones(60))
     muscle.force(epoch_grid(3.0))
     grown = muscle.state(EPOCH_NS).potentiation
     assert 0.45 < grown < 0.5
@@ -254,9 +243,8 @@ def test_a_moved_coil_shifts_the_curve():
 @pytest.mark.parametrize('intensity', [0.8, 1.0])
 def test_the_true_curve_is_the_force_of_a_train(change, intensity):
     subject = simulation_subject()
-    muscle = Contraction(subject, 20.0, LivingSettings(changes=(change,)), EPOCH_NS)
-    pulses = PulseTrain.regular(np.full(100, intensity), 20.0, EPOCH_NS)
-    muscle.add_pulses(pulses.onset_ns, pulses.intensity)
+    changing = LivingSettings(changes=(change,))
+    muscle = living(changing, 20.0, np.full(100, intensity), subject)
     mean = muscle.force(epoch_grid(5.0))[4000:].mean()
     truth = muscle.steady_force(EPOCH_NS, np.array([intensity]), 20.0)[0]
     # the mean over whole periods, sampled every millisecond

@@ -7,11 +7,11 @@ import socket
 import subprocess
 import sys
 from dataclasses import replace
+from functools import partial
 
 import pytest
 from action_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import WrenchStamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.action import ActionClient
@@ -19,7 +19,6 @@ from std_srvs.srv import Trigger
 
 from rpms_msgs.action import RunSchedule
 from rpms_msgs.msg import DriverStatus, Pulse
-from rpms_ros.errors import RecordingError
 from rpms_ros.nodes import stimulator_driver
 from rpms_ros.nodes.common import qos, topics
 from rpms_ros.nodes.common.operator import ButtonPublisher, OperatorClient
@@ -29,14 +28,10 @@ from rpms_ros.nodes.identifier import Identifier
 from rpms_ros.nodes.live_page import LivePage
 from rpms_ros.nodes.plant_simulator import PlantSimulator
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
-from rpms_ros.recording import read_recording
 from rpms_ros.schedule_messages import schedule_message
 from rpms_ros.stimulation import Schedule, UniformRandom, constant, schedule_to_text
 
-RPMS = [sys.executable, '-c', 'import sys; from rpms_ros.cli import main; sys.exit(main())']
 TOKEN = 'correct-horse-battery'
-# a machine under load may stall for longer than the defaults allow
-PATIENT = {'stop_button_timeout': 10.0}
 
 
 @pytest.fixture(autouse=True)
@@ -64,7 +59,7 @@ def patient_supervision(any_lateness, monkeypatch):
 @pytest.fixture
 def page(graph):
     """A page with a stop, on a free port."""
-    return graph.add(lambda **options: LivePage(TOKEN, **options), port=0)
+    return graph.add(partial(LivePage, TOKEN), port=0)
 
 
 @pytest.fixture
@@ -81,37 +76,19 @@ def schedule_file(tmp_path):
 
 @pytest.fixture
 def driven(graph, schedule_file):
-    """A simulated muscle that is stimulated for a minute, and its identifier."""
-    identifier = graph.add(Identifier, estimator='recursive')
+    """The driver of a simulated muscle that is stimulated for a minute and identified."""
+    graph.add(Identifier, estimator='recursive')
     graph.add(PlantSimulator, minimum_subscribers=2, publication_delay=0.05, noise=0.02)
-    driver = graph.add(
+    return graph.add(
         StimulatorDriver,
         autostart=True,
         require_operator=False,
         require_stop_button=False,
         minimum_subscribers=3,
         schedule_file=schedule_file(Schedule((UniformRandom(20.0, 60.0, low=0.2),), seed=1)),
-        **PATIENT,
+        # a machine under load may stall for longer than the default allows
+        stop_button_timeout=10.0,
     )
-    return identifier, driver
-
-
-@pytest.fixture
-def written_so_far():
-    """Read a recording that is still being written; None before its first pulse.
-
-    On a busy machine thousands of samples are heard before that.
-    """
-
-    def read(path):
-        try:
-            return read_recording(path)
-        except RecordingError as error:
-            if 'expected topic pulses' not in str(error):
-                raise
-            return None
-
-    return read
 
 
 @pytest.fixture
@@ -128,20 +105,20 @@ def unused_port():
 
 
 @pytest.fixture
-def page_process(domain):
-    """Start `rpms live` as a process, ended with the test; return it and the address it prints."""
+def python(domain):
+    """Start Python with arguments as a process in the domain of the test, killed at its end."""
     started = []
 
     def start(*arguments):
         process = subprocess.Popen(
-            [*RPMS, 'live', *arguments],
+            [sys.executable, *arguments],
             env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
         )
         started.append(process)
-        return process, process.stdout.readline().strip()
+        return process
 
     yield start
     for process in started:
@@ -174,7 +151,6 @@ class DriverBench:
         self.commanded = graph.heard(Pulse, topics.PULSES_COMMANDED, qos.PULSES)
         self.statuses = graph.heard(DriverStatus, topics.DRIVER_STATUS, qos.STATUS)
         self.diagnostics = graph.heard(DiagnosticArray, topics.DIAGNOSTICS)
-        self.sensor = self.other.create_publisher(WrenchStamped, topics.FORCE, qos.FORCE)
         self.client = ActionClient(self.other, RunSchedule, topics.RUN_SCHEDULE)
         client = self.other.create_client
         self.changes = client(ChangeState, 'stimulator_driver/change_state')
@@ -215,10 +191,30 @@ class DriverBench:
             # a driver of another test may still be on the graph, a button not heard yet
             self.graph.wait_for(self.arms)
             return
-        self.ada.enable = True
+        self.request()
+        self.graph.wait_for(lambda: self.ask(self.ada.confirm()).success)
+
+    def request(self, enable=True):
+        """Have the operator take the first step of arming, with or without the enable."""
+        self.ada.enable = enable
         assert self.ask(self.ada.request()).success
         self.graph.wait_for(lambda: bool(self.ada.token))
-        self.graph.wait_for(lambda: self.ask(self.ada.confirm()).success)
+
+    def refused_arming(self, reason, enable=True):
+        """Have the operator try to arm until it is refused for this reason; return all of it.
+
+        Heartbeat or button may not be heard yet.
+        """
+        self.request(enable)
+        said = []
+
+        def refused():
+            said.append(self.ask(self.ada.confirm()).message)
+            return reason in said[-1]
+
+        self.graph.wait_for(refused)
+        assert self.controller.state.name in ('DISARMED', 'STOPPED')
+        return said[-1]
 
     def activate(self):
         """Configure if that was not done, and arm."""
@@ -284,13 +280,4 @@ class DriverBench:
 @pytest.fixture
 def driver_bench(graph):
     """Make a driver with somebody who uses it; keywords are those of `DriverBench`."""
-    made = []
-
-    def make(**parameters):
-        made.append(DriverBench(graph, **parameters))
-        return made[-1]
-
-    yield make
-    for each in made:
-        if each.ada is not None:
-            each.ada.destroy()
+    return partial(DriverBench, graph)

@@ -3,14 +3,11 @@
 """The driver as a node: one operator arms in two steps, and what is theirs ends with them."""
 
 import os
-import signal
-import subprocess
-import sys
 import time
 from functools import partial
 
 import pytest
-from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 
 from rpms_msgs.action import RunSchedule
@@ -23,6 +20,7 @@ from rpms_ros.stimulation.records.append_only import verify_log
 CODES = RunSchedule.Result
 # a client in a process of its own: arms, starts a train, and waits to be killed
 CLIENT = """
+import sys
 import rclpy
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
@@ -33,7 +31,7 @@ use_fast_discovery()
 rclpy.init()
 node, executor = Node('client'), EventsExecutor()
 executor.add_node(node)
-ada = OperatorClient(node, 'ada')
+ada = OperatorClient(node, sys.argv[1])
 def until(done):
     while not done():
         executor.spin_once(timeout_sec=0.05)
@@ -58,11 +56,6 @@ def clinic(driver_bench):
     return partial(driver_bench, configured=True, **both)
 
 
-def outcome(lab, client, schedule):
-    """How a goal of somebody ends."""
-    return lab.result(lab.ask(client.start(schedule))).result
-
-
 def unlinked(path, monkeypatch):
     del monkeypatch
     path.unlink()
@@ -77,7 +70,7 @@ def full(path, monkeypatch):
 def test_two_steps_arm_and_a_goal_of_the_operator_runs(clinic):
     lab = clinic()
     assert not lab.arms()
-    lab.graph.wait_for(lambda: 'expected an operator to request and to' in lab.statuses[-1].reason)
+    lab.wait_for_reason('expected an operator to request and to')
     lab.run()
     assert lab.statuses[-1].operator_id == 'ada'
     assert lab.driver.authority.confirmed
@@ -85,21 +78,14 @@ def test_two_steps_arm_and_a_goal_of_the_operator_runs(clinic):
 
 def test_nothing_is_armed_without_the_enable(clinic):
     lab = clinic()
-    assert lab.ask(lab.ada.request()).success
-    lab.graph.wait_for(lambda: bool(lab.ada.token))
-    answer = lab.ask(lab.ada.confirm())
-    assert not answer.success
-    lab.graph.wait_for(lambda: 'to hold the enable' in lab.ask(lab.ada.confirm()).message)
+    lab.refused_arming('to hold the enable', enable=False)
     assert lab.controller.state.name == 'DISARMED'
 
 
 def test_a_confirmation_that_did_not_arm_lets_nobody_arm_instead(clinic):
     lab = clinic()
     lab.controller.stop('test', 'a test')
-    lab.ada.enable = True
-    assert lab.ask(lab.ada.request()).success
-    lab.graph.wait_for(lambda: bool(lab.ada.token))
-    lab.graph.wait_for(lambda: 'latched stop' in lab.ask(lab.ada.confirm()).message)
+    lab.refused_arming('latched stop')
     lab.controller.reset()
     assert not lab.arms()
     assert lab.controller.state.name == 'DISARMED'
@@ -113,11 +99,9 @@ def test_a_goal_of_anybody_else_is_refused_before_its_schedule_is_looked_at(clin
     eve = OperatorClient(lab.other, 'eve')
     for token in ('', 'x', lab.ada.token):
         eve.token = token
-        refused = outcome(lab, eve, constant(0.5, 60.0, 90.0))
+        refused = lab.result(lab.ask(eve.start(constant(0.5, 60.0, 90.0)))).result
         assert refused.error_code == CODES.NO_AUTHORITY
         assert refused.reason.startswith('expected operator and token: that of ada')
-    eve.timer.cancel()
-    eve.destroy()
     assert lab.pulses == []
 
 
@@ -141,7 +125,7 @@ def test_silence_of_the_operator_stops(clinic):
     handle = lab.run()
     lab.ada.timer.cancel()
     assert lab.stopped().startswith('expected a heartbeat of ada within 3 s, got none for')
-    result = lab.ask(handle.get_result_async()).result
+    result = lab.result(handle).result
     assert result.error_code == CODES.INTERLOCK
     assert result.reason.startswith('expected a heartbeat of ada within 3 s, got none for')
 
@@ -152,42 +136,31 @@ def test_a_second_process_with_the_token_stops(clinic):
     eve = OperatorClient(lab.other, 'ada')
     eve.token, eve.enable = lab.ada.token, True
     assert lab.stopped().startswith('expected one process with this token, got heartbeats of two')
-    eve.destroy()
 
 
-def test_the_end_of_the_operators_process_stops_before_its_heartbeat_is_missed(clinic, domain):
+def reason_of_the_stop_at_a_kill(lab, python, name):
+    """Have a process of this operator arm and start a train; kill it."""
+    client = python('-c', CLIENT, name)
+    lab.graph.wait_for(lambda: len(lab.pulses) > 5, timeout=120.0)
+    lab.graph.wait_for(lambda: lab.statuses[-1].operator_id == name)
+    client.kill()
+    return lab.wait_for_state(DriverStatus.STOPPED)
+
+
+def test_the_end_of_the_operators_process_stops_before_its_heartbeat_is_missed(clinic, python):
     # only the end of the process itself can stop it in this time
     lab = clinic(heartbeat_timeout=10.0)
-    environment = {**os.environ, 'ROS_DOMAIN_ID': str(domain)}
-    client = subprocess.Popen([sys.executable, '-c', CLIENT], env=environment)
-    try:
-        lab.graph.wait_for(lambda: len(lab.pulses) > 5, timeout=120.0)
-        client.send_signal(signal.SIGKILL)
-        reason = lab.wait_for_state(DriverStatus.STOPPED)
-    finally:
-        client.kill()
-        client.wait(60)
+    reason = reason_of_the_stop_at_a_kill(lab, python, 'ada')
     assert reason == 'expected the process of ada to run, got its end'
 
 
-def test_the_process_of_the_operator_who_has_armed_is_watched(clinic, domain):
+def test_the_process_of_the_operator_who_has_armed_is_watched(clinic, python):
     lab = clinic(heartbeat_timeout=10.0)
     lab.driver.authority.valid_s = 1.0
     # ada asks for a token, is heard, and does not go on; her process stays
-    lab.ada.enable = True
-    assert lab.ask(lab.ada.request()).success
+    lab.request()
     lab.graph.wait_for(lambda: lab.driver.authority.enabled)
-    environment = {**os.environ, 'ROS_DOMAIN_ID': str(domain)}
-    text = CLIENT.replace("'ada'", "'bob'")
-    bob = subprocess.Popen([sys.executable, '-c', text], env=environment)
-    try:
-        lab.graph.wait_for(lambda: len(lab.pulses) > 5, timeout=120.0)
-        lab.graph.wait_for(lambda: lab.statuses[-1].operator_id == 'bob')
-        bob.send_signal(signal.SIGKILL)
-        reason = lab.wait_for_state(DriverStatus.STOPPED)
-    finally:
-        bob.kill()
-        bob.wait(60)
+    reason = reason_of_the_stop_at_a_kill(lab, python, 'bob')
     # ada's console goes on with its old token, which is refused
     assert reason.startswith('expected the process of bob to run, got its end')
 
@@ -204,10 +177,7 @@ def test_a_second_driver_of_this_name_stops_both(clinic, graph):
 def test_a_second_driver_of_one_action_stops(clinic, graph):
     lab = clinic()
     lab.run()
-
-    def other(**options):
-        return StimulatorDriver(**options, cli_args=['--ros-args', '-r', '__node:=left_driver'])
-
+    other = partial(StimulatorDriver, cli_args=['--ros-args', '-r', '__node:=left_driver'])
     graph.add(other, require_operator=False, require_stop_button=False)
     assert lab.stopped() == 'expected one driver that serves /run_schedule, got 2'
 
@@ -231,7 +201,7 @@ def test_the_bound_on_the_intensity_is_lowered_and_never_raised_while_armed(clin
     assert lab.driver.get_parameter('maximum_intensity').value == 0.7
     # the train is at 0.5
     assert bound(0.4) is True
-    result = lab.ask(handle.get_result_async()).result
+    result = lab.result(handle).result
     assert result.error_code == CODES.OVER_LIMIT
     assert 'maximum_intensity' in result.reason
     lab.graph.wait_for(lambda: lab.statuses[-1].maximum_intensity == 0.4)
@@ -239,16 +209,11 @@ def test_the_bound_on_the_intensity_is_lowered_and_never_raised_while_armed(clin
 
 def test_a_change_of_the_bound_that_is_refused_with_another_one_changes_nothing(clinic):
     lab = clinic(maximum_intensity=0.9)
-    client = lab.other.create_client(
-        SetParametersAtomically, 'stimulator_driver/set_parameters_atomically'
-    )
-    lab.graph.wait_for(client.service_is_ready)
 
     def bound(share, **others):
         values = {'maximum_intensity': share, **others}
-        asked = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
-        request = SetParametersAtomically.Request(parameters=asked)
-        return lab.ask(client.call_async(request)).result.successful
+        asked = [Parameter(name, value=value) for name, value in values.items()]
+        return lab.driver.set_parameters_atomically(asked).successful
 
     assert bound(0.3)
     for share in (0.9, 0.1):
@@ -295,18 +260,13 @@ def test_a_train_ends_without_an_audit_log_that_can_be_written(
 def test_without_its_audit_log_nothing_is_armed(clinic, tmp_path):
     lab = clinic(audit_log=str(tmp_path / 'audit.jsonl'))
     lab.driver._audit._log.close()
-    lab.ada.enable = True
-    assert lab.ask(lab.ada.request()).success
-    lab.graph.wait_for(lambda: 'audit' in lab.ask(lab.ada.confirm()).message)
+    lab.refused_arming('audit')
     assert lab.controller.state.name == 'DISARMED'
 
 
 def test_simulated_time_is_refused_while_running(clinic):
     lab = clinic()
-    client = lab.other.create_client(SetParameters, 'stimulator_driver/set_parameters')
-    lab.graph.wait_for(client.service_is_ready)
-    value = Parameter('use_sim_time', value=True).to_parameter_msg()
-    answer = lab.ask(client.call_async(SetParameters.Request(parameters=[value])))
-    assert not answer.results[0].successful
-    assert answer.results[0].reason.startswith('expected use_sim_time false')
+    (answer,) = lab.driver.set_parameters([Parameter('use_sim_time', value=True)])
+    assert not answer.successful
+    assert answer.reason.startswith('expected use_sim_time false')
     assert not lab.driver.get_parameter('use_sim_time').value

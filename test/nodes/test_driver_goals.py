@@ -14,22 +14,13 @@ import pytest
 from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import WrenchStamped
 from lifecycle_msgs.msg import Transition
-from rclpy.action import ActionClient
 
 from rpms_msgs.action import RunSchedule
-from rpms_msgs.msg import (
-    AcceptedSchedule,
-    DriverStatus,
-    Pulse,
-    Schedule,
-    Schedule as ScheduleMessage,
-    ScheduleSegment,
-)
+from rpms_msgs.msg import AcceptedSchedule, DriverStatus, Pulse, Schedule, ScheduleSegment
 from rpms_ros import messages
 from rpms_ros.nodes.common import qos, topics
 from rpms_ros.nodes.common.topics import MESSAGE_TYPES
 from rpms_ros.nodes.recorder import Recorder
-from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.pulses import PulseTrain
 from rpms_ros.recording import read_recording, write_recording
 from rpms_ros.recording.rosbag.scan import Scan
@@ -39,7 +30,7 @@ from rpms_ros.stimulation import constant, schedule_from_text
 from rpms_ros.stimulation.records.append_only import verify_log
 
 SHORT = constant(0.5, 0.2, 50.0)
-WARM_UP = replace(constant(0.5, 0.2, 50.0), name='wärm-up')
+WARM_UP = replace(SHORT, name='wärm-up')
 # bench/hostile_goals.py asks for ten thousand
 COUNT = int(os.environ.get('RPMS_HOSTILE_GOALS', '200'))
 # a service holds ten requests
@@ -49,7 +40,6 @@ WHOLE = (0, 0, 1, 2, 3, 7, 1000, 2**31, 2**32 - 1)
 NAMES = ('', 'x', 'x' * 3000, 'a\x07b', '../../etc', '\u202e', '${HOME}', '\n')
 FIELDS = ScheduleSegment.get_fields_and_field_types()
 CODES = RunSchedule.Result
-LONG = constant(0.5, 60.0, 50.0)
 
 
 @pytest.fixture
@@ -59,16 +49,6 @@ def running(driver_bench, tmp_path):
     bench.audit = tmp_path / 'audit.jsonl'
     bench.ends = lambda: bench.result(bench.send(WARM_UP, operator_id='ada')).result
     return bench
-
-
-def recorded(path):
-    """Topics of the messages of a recording, in their order."""
-    with_places = [
-        (place, channel.topic)
-        for channel, records in Scan(path).blocks()
-        for place in records.place.tolist()
-    ]
-    return [topic for _, topic in sorted(with_places)]
 
 
 def audit_findings(path, audit):
@@ -107,7 +87,7 @@ def test_silent_until_told_to_run(driver_bench):
     lab = driver_bench()
     assert lab.statuses[-1].state == DriverStatus.UNCONFIGURED
     code, reason = lab.refusal(SHORT)
-    assert code == RunSchedule.Result.WRONG_STATE
+    assert code == CODES.WRONG_STATE
     assert 'expected state ARMED, got UNCONFIGURED' in reason
     lab.graph.wait_for(lambda: 'expected state ARMED, got UNCONFIGURED' in lab.reason)
     lab.activate()
@@ -115,7 +95,9 @@ def test_silent_until_told_to_run(driver_bench):
     assert lab.pulses == []
 
 
-def test_goal_delivers_every_pulse_and_says_so(driver_bench, graph):
+def test_a_goal_delivers_every_pulse_and_may_expire_while_the_driver_is_taken_down(
+    driver_bench, graph
+):
     lab = driver_bench()
     lab.activate()
     handle = lab.send(SHORT)
@@ -132,12 +114,6 @@ def test_goal_delivers_every_pulse_and_says_so(driver_bench, graph):
     assert [pulse.sequence for pulse in lab.commanded] == list(range(10))
     lab.wait_for_state(DriverStatus.DISARMED)
     assert lab.statuses[-1].pulses_delivered == 10
-
-
-def test_a_goal_may_expire_while_the_driver_is_taken_down(driver_bench):
-    lab = driver_bench()
-    lab.activate()
-    assert lab.result(lab.send(SHORT)).result.completed
     server = lab.driver._action._server
     expired = [SimpleNamespace(goal_id=SimpleNamespace(uuid=key)) for key in server._goal_handles]
     assert len(expired) == 1
@@ -149,33 +125,24 @@ def test_a_goal_may_expire_while_the_driver_is_taken_down(driver_bench):
     assert not server._goal_handles
 
 
-def test_second_goal_is_refused_and_cancel_stops_the_first(driver_bench, graph):
+def test_a_second_goal_is_refused_and_cancel_and_deactivation_end_the_first(driver_bench):
     lab = driver_bench()
-    lab.activate()
-    handle = lab.send(LONG)
-    graph.wait_for(lambda: bool(lab.pulses) and bool(lab.feedback))
+    handle = lab.run()
+    lab.graph.wait_for(lambda: bool(lab.feedback))
     assert lab.feedback[0].segments == 1
     assert lab.refusal(SHORT) == (
-        RunSchedule.Result.WRONG_STATE,
+        CODES.WRONG_STATE,
         'expected no schedule running, got a second goal',
     )
     lab.ask(handle.cancel_goal_async())
     answer = lab.result(handle)
     assert answer.status == GoalStatus.STATUS_CANCELED
     assert answer.result.reason == 'cancelled by the client'
-    assert answer.result.error_code == RunSchedule.Result.CANCELLED
+    assert answer.result.error_code == CODES.CANCELLED
     assert not answer.result.completed
-    assert lab.driver.controller.run.ended
-    assert not lab.driver.controller.device.armed
-    lab.graph.wait_for(lambda: lab.arms())
-    assert lab.result(lab.send(SHORT)).status == GoalStatus.STATUS_SUCCEEDED
-
-
-def test_deactivation_ends_the_goal(driver_bench, graph):
-    lab = driver_bench()
-    lab.activate()
-    handle = lab.send(LONG)
-    graph.wait_for(lambda: bool(lab.pulses))
+    assert lab.controller.run.ended
+    assert not lab.controller.device.armed
+    handle = lab.run()
     assert lab.change(Transition.TRANSITION_DEACTIVATE)
     assert lab.result(handle).status == GoalStatus.STATUS_ABORTED
     lab.wait_for_state(DriverStatus.DISARMED)
@@ -183,45 +150,31 @@ def test_deactivation_ends_the_goal(driver_bench, graph):
     lab.wait_for_state(DriverStatus.UNCONFIGURED)
 
 
-@pytest.mark.parametrize(
-    ('changes', 'reason'),
-    [
-        (None, 'segments: expected at least one segment, got none'),
-        ({'rate_hz': 60.0}, 'maximum_rate_hz: expected at most 50 Hz'),
-        ({'duration_s': math.nan}, 'segments[0].duration_s: expected a number'),
-        ({'high': 0.1}, 'segments[0].high: expected nothing here'),
-    ],
-)
-def test_bad_goals_are_refused_with_one_reason(driver_bench, graph, changes, reason):
+def test_bad_goals_are_refused_with_one_reason(driver_bench):
     lab = driver_bench()
     lab.activate()
-    schedule = ScheduleMessage()
-    if changes is not None:
-        schedule = schedule_message(SHORT, MESSAGE_TYPES)
-        for name, value in changes.items():
-            setattr(schedule.segments[0], name, value)
-    code, said = lab.refusal(schedule)
-    assert reason in said
-    limit = reason.startswith('maximum_rate_hz')
-    assert code == (RunSchedule.Result.OVER_LIMIT if limit else RunSchedule.Result.BAD_SCHEDULE)
-    graph.wait_for(lambda: reason in lab.reason)
+    for name, value, expected, reason in (
+        ('rate_hz', 60.0, CODES.OVER_LIMIT, 'maximum_rate_hz: expected at most 50 Hz'),
+        ('duration_s', math.nan, CODES.BAD_SCHEDULE, 'segments[0].duration_s: expected a number'),
+        ('high', 0.1, CODES.BAD_SCHEDULE, 'segments[0].high: expected nothing here'),
+        ('', 0.0, CODES.BAD_SCHEDULE, 'segments: expected at least one segment, got none'),
+    ):
+        schedule = schedule_message(SHORT, MESSAGE_TYPES) if name else Schedule()
+        for segment in schedule.segments:
+            setattr(segment, name, value)
+        code, said = lab.refusal(schedule)
+        assert (code, reason in said) == (expected, True)
+        lab.wait_for_reason(reason)
     assert lab.pulses == []
 
 
-def test_autostart_waits_for_its_listeners(graph, schedule_file):
-    driver = graph.add(
-        StimulatorDriver,
-        require_operator=False,
-        require_stop_button=False,
-        lateness_limit=0.1,
-        autostart=True,
-        schedule_file=schedule_file(constant(0.5, 0.2, 50.0)),
-    )
-    graph.wait_for(lambda: driver.count_publishers(topics.PULSES) == 1)
-    assert driver.controller.state.name == 'UNCONFIGURED'
+def test_autostart_waits_for_its_listeners(driver_bench, graph, schedule_file):
+    lab = driver_bench(autostart=True, minimum_subscribers=2, schedule_file=schedule_file(SHORT))
+    graph.wait_for(lambda: lab.driver.count_subscribers(topics.PULSES) == 1)
+    assert lab.controller.state.name == 'UNCONFIGURED'
     heard = graph.heard(Pulse, topics.PULSES, qos.PULSES)
     graph.wait_for(lambda: len(heard) == 10)
-    graph.wait_for(lambda: driver.controller.reason == 'completed')
+    graph.wait_for(lambda: lab.controller.reason == 'completed')
 
 
 def test_an_automatic_start_that_is_refused_is_announced_nowhere(
@@ -259,7 +212,12 @@ def test_a_schedule_is_told_before_its_first_pulse_and_recorded(graph, running, 
     assert schedule_from_text(told.schedule) == WARM_UP
     assert told.sha256 == hashlib.sha256(told.schedule.encode()).hexdigest()
     recorder.close()
-    order = recorded(tmp_path / 'session')
+    placed = sorted(
+        (place, channel.topic)
+        for channel, records in Scan(tmp_path / 'session').blocks()
+        for place in records.place.tolist()
+    )
+    order = [topic for _, topic in placed]
     assert order.index('/accepted_schedule') < order.index('/pulses')
     assert order.index('/accepted_schedule') < order.index('/pulses_commanded')
     (entry,) = [
@@ -274,17 +232,13 @@ def test_the_audit_log_vouches_for_the_pulses_of_a_recording(graph, running, tmp
     path = tmp_path / 'session'
     recorder = graph.add(Recorder, path=str(path))
     graph.wait_for(lambda: running.driver.count_subscribers(topics.PULSES) == 2)
-    sensor = graph.node('sensor')
-    force = sensor.create_publisher(WrenchStamped, topics.FORCE, qos.FORCE)
-    graph.wait_for(lambda: force.get_subscription_count() >= 1)
+    force = graph.publisher(WrenchStamped, topics.FORCE, qos.FORCE)
     for index in range(3):
         force.publish(messages.force_message(index, 1.0, messages.AXES['z'], MESSAGE_TYPES))
-    running.activate()
-    assert running.ends().completed
-    graph.wait_for(lambda: not running.driver._active)
-    running.arm()
-    assert running.ends().completed
-    graph.wait_for(lambda: not running.driver._active)
+    for _ in range(2):
+        running.activate()
+        assert running.ends().completed
+        graph.wait_for(lambda: not running.driver._active)
     graph.wait_for(lambda: recorder.counts[topics.PULSES] == 20)
     graph.wait_for(lambda: recorder.counts[topics.FORCE] == 3)
     recorder.close()
@@ -308,18 +262,12 @@ def test_the_audit_log_vouches_for_the_pulses_of_a_recording(graph, running, tmp
 
 
 @pytest.mark.long
-def test_every_hostile_goal_is_answered_with_a_reason(graph):
-    driver = graph.add(
-        StimulatorDriver, require_operator=False, require_stop_button=False, lateness_limit=0.1
-    )
-    other = graph.node('other')
-    client = ActionClient(other, RunSchedule, topics.RUN_SCHEDULE)
-    graph.wait_for(client.server_is_ready)
-    random = Random(3)
+def test_every_hostile_goal_is_answered_with_a_reason(driver_bench, graph):
+    lab, random = driver_bench(), Random(3)
     answered = 0
     for begin in range(0, COUNT, TOGETHER):
         batch = [hostile_schedule(random) for _ in range(min(TOGETHER, COUNT - begin))]
-        sent = [client.send_goal_async(RunSchedule.Goal(typed_schedule=one)) for one in batch]
+        sent = [lab.client.send_goal_async(RunSchedule.Goal(typed_schedule=one)) for one in batch]
         graph.wait_for(lambda: all(future.done() for future in sent), timeout=60.0)  # noqa: B023
         handles = [future.result() for future in sent]
         assert all(handle.accepted for handle in handles)
@@ -331,6 +279,5 @@ def test_every_hostile_goal_is_answered_with_a_reason(graph):
             assert result.error_code in (CODES.BAD_SCHEDULE, CODES.OVER_LIMIT, CODES.WRONG_STATE)
             answered += 1
     assert answered == COUNT
-    assert driver.controller.fault_counts() == {}
-    client.destroy()
+    assert lab.controller.fault_counts() == {}
     print(f'{answered} hostile goals, each answered with an error code and a reason')

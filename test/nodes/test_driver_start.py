@@ -62,24 +62,6 @@ def theatre(driver_bench, instrument, real, monkeypatch):
     return fake, bench
 
 
-def refused_arming(bench):
-    """Ask for an arming until the reason why it is refused is neither heartbeat nor button."""
-    bench.ada.enable = True
-    assert bench.ask(bench.ada.request()).success
-    bench.graph.wait_for(lambda: bool(bench.ada.token))
-    reasons = []
-
-    def said():
-        answer = bench.ask(bench.ada.confirm())
-        assert not answer.success
-        reasons.append(answer.message)
-        return 'patient' in reasons[-1]
-
-    bench.graph.wait_for(said)
-    assert bench.controller.state.name == 'DISARMED'
-    return reasons[-1]
-
-
 # of a real device
 REAL = {
     'device': 'serial',
@@ -111,6 +93,9 @@ REAL = {
         ({'device_specification': 'oracle'}, 'expected a device of rapid2-240v, simulated'),
         ({'maximum_intensity': 1.5}, 'maximum_intensity: expected 0.0 to 1.0, got 1.5'),
         ({'maximum_rate': 10}, 'maximum_rate: expected double, got integer 10'),
+        ({'stop_buttons': ['']}, "expected stop_buttons with a node's full name or its"),
+        ({'stop_buttons': ['left/foot']}, "expected stop_buttons with a node's full name or its"),
+        ({'stop_buttons': ['left/']}, "expected stop_buttons with a node's full name or its"),
         (
             {'autostart': True, 'schedule_file': '/nowhere.yaml'},
             'expected a readable schedule file, got /nowhere.yaml',
@@ -122,17 +107,15 @@ def test_bad_parameters_are_refused(graph, parameters, reason):
         graph.add(StimulatorDriver, **parameters)
 
 
-def test_impossible_transition_does_not_end_the_node(driver_bench, graph):
+def test_an_impossible_transition_does_not_end_the_node_and_none_is_possible_after_a_shutdown(
+    driver_bench,
+):
     lab = driver_bench()
     assert not lab.change(Transition.TRANSITION_ACTIVATE)
     assert not lab.change(99)
-    graph.wait_for(lambda: 'expected a transition of configure' in lab.reason)
-    lab.activate()
-
-
-def test_nothing_is_possible_after_a_shutdown(driver_bench):
-    lab = driver_bench()
-    assert lab.change(Transition.TRANSITION_UNCONFIGURED_SHUTDOWN)
+    lab.wait_for_reason('expected a transition of configure')
+    assert lab.change(Transition.TRANSITION_CONFIGURE)
+    assert lab.change(Transition.TRANSITION_INACTIVE_SHUTDOWN)
     assert not lab.change(Transition.TRANSITION_CONFIGURE)
     said = 'expected a node that is not shut down, got configure: no transition is possible'
     lab.wait_for_reason(said)
@@ -188,7 +171,7 @@ def test_a_patient_whose_figures_have_expired_meanwhile_is_not_stimulated(theatr
     past = {'set_on': '2020-01-01', 'expires': '2020-01-02'}
     dated = [next((f'{k}: {d}' for k, d in past.items() if k in line), line) for line in lines]
     patient_file.write_text('\n'.join(dated))
-    reason = refused_arming(bench)
+    reason = bench.refused_arming('patient')
     assert reason.startswith('patient P01: expected a day from 2020-01-01 to 2020-01-02, got')
     assert not fake.armed
 
@@ -209,7 +192,7 @@ def test_figures_of_the_patient_that_were_changed_need_a_new_start(
     text = patient_file.read_text().replace('set_by: A. Physician', 'set_by: B. Physician')
     assert before in text
     patient_file.write_text(text.replace(before, after))
-    reason = refused_arming(bench)
+    reason = bench.refused_arming('patient')
     assert reason == (
         f'expected the figures of {patient_file} and of the device specification as they were at '
         'the start, got others: start the driver again'

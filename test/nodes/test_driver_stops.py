@@ -2,15 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The driver as a node and as a process: stops, interlocks, faults, signals."""
 
-import os
 import signal
-import subprocess
-import sys
 import time
+from functools import partial
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import Vector3, WrenchStamped
+from geometry_msgs.msg import WrenchStamped
 from lifecycle_msgs.msg import State, Transition
 
 from rpms_msgs.action import RunSchedule
@@ -28,7 +26,6 @@ ARGUMENTS = (
     'require_stop_button:=false',
     'lateness_limit:=0.1',
 )
-LONG = constant(0.5, 60.0, 50.0)
 # a machine under load may hold up the driver for seconds; what these limits do is tested elsewhere
 START = """
 import signal
@@ -47,47 +44,22 @@ sys.exit(stimulator_driver.main())
 """
 
 
-def wrench(force, frame='force_sensor', stamp_ns=None):
+def wrench(force, frame='force_sensor', stamp_ns=None, quantity='force'):
     message = WrenchStamped()
     message.header.frame_id = frame
     stamp_ns = time.time_ns() if stamp_ns is None else stamp_ns
     message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, 10**9)
-    message.wrench.force.x = 0.6 * force
-    message.wrench.force.z = 0.8 * force
+    vector = getattr(message.wrench, quantity)
+    vector.x, vector.z = 0.6 * force, 0.8 * force
     return message
 
 
-class DriverProcess:
-    """A driver in a process of its own that runs a train, and a node that listens."""
-
-    def __init__(self, graph, domain, folder, schedule):
-        self.graph = graph
-        self.pulses = graph.heard(Pulse, topics.PULSES, qos.PULSES)
-        self.audit = folder / 'audit.jsonl'
-        arguments = [*ARGUMENTS, f'audit_log:={self.audit}', f'schedule_file:={schedule}']
-        self.process = subprocess.Popen(
-            [sys.executable, '-c', START, '--ros-args']
-            + [part for argument in arguments for part in ('-p', argument)],
-            env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-
-    def run(self):
-        self.graph.wait_for(lambda: len(self.pulses) > 5, timeout=120.0)
-
-    def ended(self):
-        self.graph.wait_for(lambda: self.process.poll() is not None, timeout=120.0)
-        return self.process.returncode
-
-
-@pytest.fixture
-def driver(graph, domain, tmp_path, schedule_file):
-    train = schedule_file(constant(0.5, 90.0, 50.0))
-    started = DriverProcess(graph, domain, tmp_path, train)
-    yield started
-    started.process.kill()
-    started.process.communicate()
+def sensed(bench, make, profile=qos.FORCE_BEST_EFFORT):
+    """Publish a force every 20 ms; the list that is returned holds what makes it."""
+    sensor = bench.graph.publisher(WrenchStamped, topics.FORCE, profile)
+    made = [make]
+    bench.other.create_timer(0.02, lambda: sensor.publish(made[0]()))
+    return made
 
 
 def test_service_stops_in_every_state(driver_bench):
@@ -112,57 +84,41 @@ def test_service_stops_in_every_state(driver_bench):
 )
 def test_force_over_the_limit_stops(driver_bench, graph, force, quantity, unit):
     bench = driver_bench(button=True, force_limit=100.0, quantity=quantity)
-    graph.wait_for(lambda: bench.sensor.get_subscription_count() == 1)
-    felt = [10.0]
-
-    def feel():
-        message = wrench(felt[0])
-        if quantity == 'torque':
-            message.wrench.torque, message.wrench.force = message.wrench.force, Vector3()
-        bench.sensor.publish(message)
-
-    bench.other.create_timer(0.02, feel)
+    felt = partial(wrench, quantity=quantity)
+    sensor = sensed(bench, lambda: felt(10.0), qos.FORCE)
     bench.run()
-    felt[0] = force
+    sensor[0] = lambda: felt(force)
     assert f'force_limit: expected at most 100 {unit}, got' in bench.stopped()
     assert not bench.resets().success
-    felt[0] = 10.0
+    sensor[0] = lambda: felt(10.0)
     graph.wait_for(lambda: bench.resets().success)
 
 
 @pytest.mark.parametrize(
     'dead',
     [
-        lambda: {'stamp_ns': FROZEN_NS},
-        lambda: {'frame': 'ankle'},
-        lambda: {'stamp_ns': time.time_ns() - DAY_NS},
+        lambda: wrench(10.0, stamp_ns=FROZEN_NS),
+        lambda: wrench(10.0, frame='ankle'),
+        lambda: wrench(10.0, stamp_ns=time.time_ns() - DAY_NS),
     ],
     ids=['same stamp', 'foreign frame', 'a recording of yesterday'],
 )
-def test_force_that_is_frozen_foreign_or_of_yesterday_is_no_sign_of_life(
-    driver_bench, graph, dead
-):
+def test_force_that_is_frozen_foreign_or_of_yesterday_is_no_sign_of_life(driver_bench, dead):
     bench = driver_bench(button=True, force_limit=100.0, force_timeout=3.0)
     # a sensor that repeats nothing is heard as well
-    sensor = bench.other.create_publisher(WrenchStamped, topics.FORCE, qos.FORCE_BEST_EFFORT)
-    graph.wait_for(lambda: sensor.get_subscription_count() == 1)
-    how = [dict]
-    bench.other.create_timer(0.02, lambda: sensor.publish(wrench(10.0, **how[0]())))
+    sensor = sensed(bench, lambda: wrench(10.0))
     bench.activate()
-    how[0] = dead
+    sensor[0] = dead
     assert 'force: expected a sign of life within 3 s' in bench.stopped()
     assert bench.controller.fault_counts()['force_refused'] > 0
 
 
-def test_a_sample_over_the_limit_stops_also_if_it_is_no_sign_of_life(driver_bench, graph):
+def test_a_sample_over_the_limit_stops_also_if_it_is_no_sign_of_life(driver_bench):
     # nothing else stops within this time
     bench = driver_bench(button=True, force_limit=100.0, force_timeout=10.0)
-    sensor = bench.other.create_publisher(WrenchStamped, topics.FORCE, qos.FORCE_BEST_EFFORT)
-    graph.wait_for(lambda: sensor.get_subscription_count() == 1)
-    felt = [wrench(10.0)]
-    bench.other.create_timer(0.02, lambda: sensor.publish(felt[0]))
+    sensor = sensed(bench, lambda: wrench(10.0))
     bench.activate()
-    felt[0] = wrench(150.0, frame='ankle')
+    sensor[0] = lambda: wrench(150.0, frame='ankle')
     assert 'force_limit: expected at most 100 N, got 150 N' in bench.stopped()
 
 
@@ -221,8 +177,7 @@ def test_fault_of_the_device_ends_in_the_safe_state(driver_bench, graph, faults,
     assert not bench.controller.device.armed
     assert bench.refusal()[0] == RunSchedule.Result.WRONG_STATE
     assert not bench.arms()
-    levels = (DiagnosticStatus.ERROR,)
-    graph.wait_for(lambda: bench.diagnostics[-1].status[0].level in levels)
+    graph.wait_for(lambda: bench.diagnostics[-1].status[0].level == DiagnosticStatus.ERROR)
     bench.controller.device.faults = SimulatedFaults()
     assert bench.change(Transition.TRANSITION_CLEANUP)
     assert bench.change(Transition.TRANSITION_CONFIGURE)
@@ -287,11 +242,16 @@ def test_error_in_a_transition_ends_in_the_safe_state(driver_bench, graph):
         signal.SIGRTMIN + 3,
     ],
 )
-def test_a_signal_disarms_and_ends_the_driver(driver, number):
-    driver.run()
-    driver.process.send_signal(number)
-    assert driver.ended() == 0
-    stops = [record.content for record in verify_log(driver.audit).records]
+def test_a_signal_disarms_and_ends_the_driver(graph, python, tmp_path, schedule_file, number):
+    pulses = graph.heard(Pulse, topics.PULSES, qos.PULSES)
+    audit, train = tmp_path / 'audit.jsonl', schedule_file(constant(0.5, 90.0, 50.0))
+    given = (*ARGUMENTS, f'audit_log:={audit}', f'schedule_file:={train}')
+    process = python('-c', START, '--ros-args', *(word for one in given for word in ('-p', one)))
+    graph.wait_for(lambda: len(pulses) > 5, timeout=120.0)
+    process.send_signal(number)
+    graph.wait_for(lambda: process.poll() is not None, timeout=120.0)
+    assert process.returncode == 0
+    stops = [record.content for record in verify_log(audit).records]
     assert stops[-1]['kind'] == 'end'
     reasons = [content['reason'] for content in stops if content['kind'] == 'signal']
     assert reasons == [f'signal {name_of(number)}']

@@ -3,6 +3,7 @@
 """The identifier on real rclpy: the off-line answer, bad input, services, disturbance, torque."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -31,6 +32,7 @@ from rpms_ros.nodes.identifier import (
 from rpms_ros.nodes.recorder import Recorder
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.pulses import ForceTrace, PulseTrain
+from rpms_ros.report.recorded import differences
 
 START_NS = 1_700_000_000_000_000_000
 MILLISECOND = 1_000_000
@@ -57,13 +59,11 @@ class Bench:
 
     def __init__(self, graph, **parameters):
         self.graph, self.probe = graph, graph.node('probe')
+        self.identifier = graph.add(Identifier, **parameters)
         self.messages = graph.heard(MuscleEstimate, 'estimate', qos.ESTIMATE)
         self.disturbances = graph.heard(WrenchStamped, 'disturbance', qos.DISTURBANCE)
-        self._pulses = self.probe.create_publisher(PulseMessage, 'pulses', qos.PULSES)
-        self._forces = self.probe.create_publisher(WrenchStamped, 'force', qos.FORCE)
-        self.identifier = graph.add(Identifier, **parameters)
-        both = (self._pulses, self._forces)
-        graph.wait_for(lambda: all(one.get_subscription_count() == 1 for one in both))
+        self._pulses = graph.publisher(PulseMessage, 'pulses', qos.PULSES)
+        self._forces = graph.publisher(WrenchStamped, 'force', qos.FORCE)
 
     @property
     def estimates(self):
@@ -81,11 +81,13 @@ class Bench:
             self._forces.publish(messages.force_message(stamp_ns, force, *how))
         # the newest of the grid of 100 ms before the 200 ms in which samples wait
         due_ns = int(forces.stamp_ns[-1]) - 300 * MILLISECOND
-        self.graph.wait_for(lambda: bool(self.messages) and self.newest_ns() >= due_ns)
+        self.graph.wait_for(
+            lambda: (
+                bool(self.messages)
+                and messages.nanoseconds(self.messages[-1].header.stamp) >= due_ns
+            )
+        )
         return self.estimates[-1]
-
-    def newest_ns(self):
-        return messages.nanoseconds(self.messages[-1].header.stamp)
 
     def call(self, name):
         client = self.probe.create_client(Trigger, f'identifier/{name}')
@@ -96,24 +98,16 @@ class Bench:
         return future.result().message
 
 
-def same(first, second):
-    """Names of the fields that differ in any bit."""
-    return [
-        name
-        for name, value in vars(first).items()
-        if np.asarray(value).tobytes() != np.asarray(getattr(second, name)).tobytes()
-        and value != getattr(second, name)
-    ]
-
-
 def test_the_estimates_are_those_of_the_recording_bit_for_bit(graph):
     bench, heard = Bench(graph), recording()
     bench.send(*heard)
     settings = bench.identifier.settings
-    expected = identify(build_estimator(settings), *heard, stream_settings(settings)).estimates
+    estimator = build_estimator(settings)
+    assert type(estimator).__name__ == 'FixedSizeRecursion'
+    expected = identify(estimator, *heard, stream_settings(settings)).estimates
     assert len(bench.estimates) >= 17
     for live, replayed in zip(bench.estimates, expected, strict=False):
-        assert same(live, replayed) == []
+        assert differences(live, replayed) == []
     assert bench.estimates[-1].faults == {}
     # who comes late gets the newest estimate
     durable = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -130,10 +124,8 @@ def test_a_lost_pulse_shows_in_the_sequence(graph):
 
 
 def test_a_best_effort_sensor_is_heard(graph, capfd):
-    probe = graph.node('probe')
-    sensor = probe.create_publisher(WrenchStamped, 'force', qos.FORCE_BEST_EFFORT)
     identifier = graph.add(Identifier)
-    graph.wait_for(lambda: sensor.get_subscription_count() == 1)
+    sensor = graph.publisher(WrenchStamped, 'force', qos.FORCE_BEST_EFFORT)
     sample = messages.force_message(START_NS, 1.0, messages.AXES['z'], MESSAGE_TYPES)
     before = identifier._heard
 
@@ -215,12 +207,14 @@ def test_a_torque_is_said_to_be_one(graph):
     assert last.samples > 500
 
 
+def diagnosed(graph):
+    """Return a function that tells the statuses of all nodes as they come from now on."""
+    heard = graph.heard(DiagnosticArray, '/diagnostics')
+    return lambda: [status for message in heard for status in message.status]
+
+
 def test_diagnostics_say_what_is_in_doubt(graph):
-    messages_heard = graph.heard(DiagnosticArray, '/diagnostics')
-
-    def heard():
-        return [status for message in messages_heard for status in message.status]
-
+    heard = diagnosed(graph)
     pulses, forces = recording(4.0)
     bench = Bench(graph)
     bench.send(pulses, ForceTrace(forces.stamp_ns, np.zeros(len(forces))))
@@ -235,21 +229,18 @@ def test_diagnostics_say_what_is_in_doubt(graph):
 
 @pytest.mark.long
 def test_two_legs_have_six_statuses_of_different_names_and_hardware(graph, tmp_path):
-    heard = graph.heard(DiagnosticArray, '/diagnostics')
-
-    def newest():
-        return {status.name: status for message in heard for status in message.status}
-
+    heard = diagnosed(graph)
     kinds = {'stimulator': StimulatorDriver, 'identification': Identifier, 'recording': Recorder}
     nodes = {}
     for leg in ('left', 'right'):
         for task, kind in kinds.items():
             path = {'path': str(tmp_path / leg)} if kind is Recorder else {}
-            node = graph.add(lambda k=kind, n=leg, **options: k(namespace=n, **options), **path)
+            node = graph.add(partial(kind, namespace=leg), **path)
             nodes[f'/{leg}/{node.get_name()}: {task}'] = node
-    graph.wait_for(lambda: len(newest()) == 6)
-    assert set(newest()) == set(nodes)
-    hardware = {status.hardware_id for status in newest().values()}
+    graph.wait_for(lambda: len({status.name for status in heard()}) == 6)
+    newest = {status.name: status for status in heard()}
+    assert set(newest) == set(nodes)
+    hardware = {status.hardware_id for status in newest.values()}
     assert len(hardware) == 6
     assert all(hardware)
 

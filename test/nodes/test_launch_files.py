@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Launch files: what they describe is started with real nodes; `ros2 launch` where it is there."""
+"""Launch files: what they describe is started with real nodes."""
 
 import os
 import sys
@@ -25,7 +25,6 @@ KINDS = {
     'recorder': Recorder,
     'stimulator_driver': StimulatorDriver,
 }
-PATIENT = 'lateness_limit: 0.1'
 
 
 class Launched:
@@ -133,7 +132,7 @@ def test_the_simulation_runs_a_schedule_and_is_recorded(graph, load, tmp_path):
     schedule = tmp_path / 'short.yaml'
     schedule.write_text('segments: [{kind: uniform_random, rate_hz: 20.0, duration_s: 2.0}]')
     own = tmp_path / 'own.yaml'
-    own.write_text(f'/**/stimulator_driver: {{ros__parameters: {{{PATIENT}}}}}')
+    own.write_text('/**/stimulator_driver: {ros__parameters: {lateness_limit: 0.1}}')
     launched = load(
         'simulation',
         namespace='ward/left_leg',
@@ -150,7 +149,7 @@ def test_the_simulation_runs_a_schedule_and_is_recorded(graph, load, tmp_path):
     statuses = graph.heard(DriverStatus, f'{leg}/driver_status', qos.STATUS)
     estimates = graph.heard(MuscleEstimate, f'{leg}/estimate', qos.ESTIMATE)
     nodes = launched.add_to(graph)
-    assert {node.get_namespace() for node in nodes.values()} == {'/ward/left_leg'}
+    assert {node.get_namespace() for node in nodes.values()} == {leg}
     graph.wait_for(lambda: bool(statuses) and statuses[-1].pulses_delivered == 40)
     graph.wait_for(lambda: bool(estimates) and estimates[-1].pulses > 20)
     assert (estimates[-1].unit, estimates[-1].estimator) == ('N m', 'tracking')

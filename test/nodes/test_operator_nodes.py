@@ -2,9 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Stop button and operator's console: keys on a real terminal, a joystick, a real driver."""
 
+import contextlib
 import os
 import pty
 import time
+from functools import partial
 
 import pytest
 from sensor_msgs.msg import Joy
@@ -17,8 +19,9 @@ from rpms_ros.nodes.common.operator import ButtonPublisher, Keyboard
 from rpms_ros.nodes.operator_console import OperatorConsole
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.nodes.stop_button import StopButton
+from rpms_ros.stimulation import constant
 
-LONG = 'segments: [{kind: constant, rate_hz: 50.0, duration_s: 60.0, intensity: 0.5}]'
+LONG = constant(0.5, 60.0, 50.0)
 
 
 @pytest.fixture
@@ -27,10 +30,8 @@ def terminal():
     typed, read = pty.openpty()
     yield typed, Keyboard(read)
     for descriptor in (typed, read):
-        try:
+        with contextlib.suppress(OSError):
             os.close(descriptor)
-        except OSError:
-            continue
 
 
 @pytest.fixture
@@ -48,27 +49,26 @@ def said(graph):
 @pytest.fixture
 def typed(graph, terminal, said):
     """Where keys of a stop button are typed that has said that it is released."""
-    graph.add(lambda **options: StopButton(terminal[1], **options))
+    graph.add(partial(StopButton, terminal[1]))
     graph.wait_for(lambda: said() is False)
     return terminal[0]
 
 
-def test_any_key_presses_and_one_lets_go(graph, typed, said):
+def test_any_key_presses_one_lets_go_and_a_terminal_that_is_gone_counts_as_pressed(
+    graph, typed, said
+):
     os.write(typed, b' ')
     graph.wait_for(lambda: said() is True)
     os.write(typed, b'r')
     graph.wait_for(lambda: said() is False)
+    os.close(typed)
+    graph.wait_for(lambda: said() is True)
 
 
 def test_a_key_and_its_release_that_are_read_at_once_are_a_press(graph, typed, said):
     os.write(typed, b' r')
     graph.wait_for(lambda: any(one.data for one in said.heard))
     graph.wait_for(lambda: said() is False)
-
-
-def test_a_terminal_that_is_gone_counts_as_pressed(graph, typed, said):
-    os.close(typed)
-    graph.wait_for(lambda: said() is True)
 
 
 def test_a_joystick_presses_and_its_silence_too(graph, said):
@@ -97,12 +97,10 @@ def test_an_enable_that_is_held_again_before_the_console_looks_was_let_go_of(
 ):
     monkeypatch.setattr(operator_console, 'JOY_TIMEOUT_S', 10.0)
     beats = graph.heard(OperatorHeartbeat, topics.HEARTBEAT, qos.STOP_LIVE)
-    publisher = graph.node('stick').create_publisher(Joy, topics.JOY, 10)
-    console = graph.add(
-        lambda **options: OperatorConsole(terminal[1], **options), operator='ada', joy_enable=1
-    )
+    console = graph.add(partial(OperatorConsole, terminal[1]), operator='ada', joy_enable=1)
     console.client.token = 'any'
-    graph.wait_for(lambda: publisher.get_subscription_count() > 0 and bool(beats))
+    publisher = graph.publisher(Joy, topics.JOY, 10)
+    graph.wait_for(lambda: bool(beats))
     publisher.publish(Joy(buttons=[0, 1]))
     graph.wait_for(lambda: beats[-1].enable)
     beats.clear()
@@ -135,22 +133,16 @@ def test_a_button_that_leaves_ends_nobody_when_its_timer_is_already_due(graph, m
 
 
 @pytest.mark.long
-def test_the_console_arms_runs_and_disarms(graph, terminal, tmp_path):
+def test_the_console_arms_runs_and_disarms(graph, terminal, schedule_file):
     typed, keyboard = terminal
-    file = tmp_path / 'schedule.yaml'
-    file.write_text(LONG)
     pulses = graph.heard(Pulse, topics.PULSES, qos.PULSES)
     statuses = graph.heard(DriverStatus, topics.DRIVER_STATUS, qos.STATUS)
     # a machine under load may stall for longer than the default allows
     driver = graph.add(
         StimulatorDriver, stop_button_timeout=5.0, heartbeat_timeout=5.0, lateness_limit=0.1
     )
-    console = graph.add(
-        lambda **options: OperatorConsole(keyboard, **options),
-        operator='ada',
-        schedule_file=str(file),
-        key_repeat=2.0,
-    )
+    ada = {'operator': 'ada', 'schedule_file': schedule_file(LONG), 'key_repeat': 2.0}
+    console = graph.add(partial(OperatorConsole, keyboard), **ada)
     graph.wait_for(lambda: console.client.ready and bool(statuses))
     os.write(typed, b'a')
     graph.wait_for(lambda: bool(console.client.token))
@@ -182,9 +174,7 @@ def test_the_console_arms_runs_and_disarms(graph, terminal, tmp_path):
 
 def test_what_is_lost_is_said_by_button_and_console(graph, terminal, capfd):
     graph.add(StopButton, keyboard=False, joy_button=2)
-    graph.add(
-        lambda **options: OperatorConsole(terminal[1], **options), operator='ada', joy_enable=1
-    )
+    graph.add(partial(OperatorConsole, terminal[1]), operator='ada', joy_enable=1)
     heard = []
 
     def logged(words):
@@ -198,5 +188,5 @@ def test_what_is_lost_is_said_by_button_and_console(graph, terminal, capfd):
 
 
 def test_a_button_that_no_driver_hears_says_so(graph, terminal, capfd):
-    graph.add(lambda **options: StopButton(terminal[1], **options))
+    graph.add(partial(StopButton, terminal[1]))
     assert 'released; no driver listens' in ''.join(capfd.readouterr())

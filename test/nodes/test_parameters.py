@@ -5,6 +5,7 @@
 import threading
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -31,6 +32,7 @@ from rpms_ros.nodes.plant_simulator import PlantParameters, PlantSimulator
 from rpms_ros.nodes.recorder import Recorder, RecorderParameters
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.nodes.stop_button import StopButton, StopButtonParameters
+from rpms_ros.stimulation import constant
 
 FILES = {
     'identifier': IdentifierParameters,
@@ -255,16 +257,11 @@ def test_a_node_that_is_refused_is_not_on_the_graph(
     assert refused.traceback
 
 
-def test_a_console_without_a_terminal_lets_go_of_it(graph, tmp_path):
-    schedule, closed = tmp_path / 'schedule.yaml', []
-    schedule.write_text('segments: [{kind: pause, duration_s: 1.0}]')
+def test_a_console_without_a_terminal_lets_go_of_it(graph, schedule_file):
+    schedule, closed = schedule_file(constant(0.5, 1.0, 1.0)), []
     terminal = SimpleNamespace(there=False, close=lambda: closed.append(True))
     with nothing_left(graph), pytest.raises(RpmsError, match='expected a terminal'):
-        graph.add(
-            lambda **options: OperatorConsole(terminal, **options),
-            operator='ada',
-            schedule_file=str(schedule),
-        )
+        graph.add(partial(OperatorConsole, terminal), operator='ada', schedule_file=schedule)
     assert closed
 
 

@@ -3,9 +3,7 @@
 """The recorder on real rclpy: every byte that was published, readable even after a kill."""
 
 import json
-import os
-import subprocess
-import sys
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,6 +15,7 @@ from rosbags.rosbag2 import Reader
 
 from rpms_msgs.msg import DriverStatus, Pulse as PulseMessage
 from rpms_ros import messages
+from rpms_ros.errors import RecordingError
 from rpms_ros.nodes import recorder as module
 from rpms_ros.nodes.common import qos
 from rpms_ros.nodes.common.topics import MESSAGE_TYPES
@@ -84,9 +83,7 @@ def test_what_was_published_is_in_the_recording(graph, tmp_path):
 
 def test_recorders_of_one_second_take_different_names(graph, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    recorders = [
-        graph.add(lambda **options: Recorder(namespace='leg/left', **options)) for _ in range(3)
-    ]
+    recorders = [graph.add(partial(Recorder, namespace='leg/left')) for _ in range(3)]
     names = {recorder.path.name for recorder in recorders}
     assert len(names) == 3
     assert all('_leg_left' in name for name in names)
@@ -164,10 +161,8 @@ def test_a_recorder_that_cannot_be_made_leaves_no_open_file(graph, tmp_path, mon
 
 
 def test_a_recorder_hears_a_best_effort_sensor_without_being_told(graph, tmp_path, capfd):
-    sensor = graph.node('sensor')
-    force = sensor.create_publisher(WrenchStamped, 'force', qos.FORCE_BEST_EFFORT)
     recorder = graph.add(Recorder, path=str(tmp_path / 'session'))
-    graph.wait_for(lambda: force.get_subscription_count() == 1)
+    force = graph.publisher(WrenchStamped, 'force', qos.FORCE_BEST_EFFORT)
     sample = messages.force_message(10**18, 1.0, messages.AXES['z'], MESSAGE_TYPES)
 
     def heard():
@@ -198,25 +193,27 @@ def test_a_recorder_says_what_it_lacks(tmp_path, monkeypatch):
     assert (full.level, full.message) == (DiagnosticStatus.WARN, '20 MB are left on the disk')
 
 
-def test_a_kill_costs_nothing_that_was_flushed(graph, domain, tmp_path, written_so_far):
+def test_a_kill_costs_nothing_that_was_flushed(graph, python, tmp_path):
     path, source = tmp_path / 'session', Source(graph)
     code = 'import sys; from rpms_ros.nodes.recorder import main; sys.exit(main())'
-    command = [sys.executable, '-c', code, '--ros-args', '-p', f'path:={path}']
 
     def flushed():
         if not any(file.stat().st_size > 100_000 for file in path.glob('*.mcap')):
             return 0
-        recording = written_so_far(path)
-        return 0 if recording is None else len(recording.forces)
-
-    environment = {**os.environ, 'ROS_DOMAIN_ID': str(domain)}
-    with subprocess.Popen(command, env=environment) as process:
         try:
-            source.wait_for_listeners()
-            source.send(SAMPLES)
-            # how long it takes is measured in bench/recorder.py
-            graph.wait_for(lambda: flushed() == SAMPLES, timeout=60.0)
-        finally:
-            process.kill()
+            return len(read_recording(path).forces)
+        except RecordingError as error:
+            # on a busy machine thousands of samples are heard before the first pulse
+            if 'expected topic pulses' not in str(error):
+                raise
+            return 0
+
+    process = python('-c', code, '--ros-args', '-p', f'path:={path}')
+    source.wait_for_listeners()
+    source.send(SAMPLES)
+    # how long it takes is measured in bench/recorder.py
+    graph.wait_for(lambda: flushed() == SAMPLES, timeout=60.0)
+    process.kill()
+    process.wait()
     assert not (path / 'metadata.yaml').exists()
     check(path, SAMPLES)

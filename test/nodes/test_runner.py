@@ -2,15 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The runner as a process: exit codes, signals, one line for what is wrong."""
 
-import os
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
-import rclpy
-from rclpy.context import Context
 from rclpy.node import Node
 
 from rpms_ros.errors import NodeError
@@ -42,36 +37,25 @@ sys.exit(run(ExampleNode))
 """
 
 
-def stopped(domain, *arguments, stop=signal.SIGTERM):
+def stopped(python, *arguments, stop=signal.SIGTERM):
     """The first line of a node that then gets a signal, its exit code and what it complains of."""
-    with subprocess.Popen(
-        [sys.executable, '-c', NODE, *arguments],
-        env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
-        text=True,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-    ) as process:
-        line = process.stdout.readline()
-        process.send_signal(stop)
-        _, errors = process.communicate(timeout=PATIENCE)
+    process = python('-c', NODE, *arguments)
+    line = process.stdout.readline()
+    process.send_signal(stop)
+    _, errors = process.communicate(timeout=PATIENCE)
     return line.strip(), process.returncode, errors
 
 
-def ended(domain, code, *arguments):
-    """Return a Python process that has run some code."""
-    return subprocess.run(
-        [sys.executable, '-c', code, *arguments],
-        env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE,
-        check=False,
-    )
+def ended(python, code, *arguments):
+    """Exit code, stdout and stderr of a process that has run some code."""
+    process = python('-c', code, *arguments)
+    said = process.communicate(timeout=PATIENCE)
+    return (process.returncode, *said)
 
 
 @pytest.mark.parametrize('stop', [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_the_node_with_exit_code_zero(domain, stop):
-    assert stopped(domain, stop=stop) == ('running at 20.0', 0, '')
+def test_a_signal_ends_the_node_with_exit_code_zero(python, stop):
+    assert stopped(python, stop=stop) == ('running at 20.0', 0, '')
 
 
 STARTER = """
@@ -87,9 +71,9 @@ os._exit(0)
 """
 
 
-def test_a_node_ends_with_whoever_started_it(domain, tmp_path, wait_for):
-    done = ended(domain, STARTER, NODE, str(tmp_path / 'heard'))
-    wait_for(lambda: not is_running(int(done.stdout)))
+def test_a_node_ends_with_whoever_started_it(python, tmp_path, wait_for):
+    _, node, _ = ended(python, STARTER, NODE, str(tmp_path / 'heard'))
+    wait_for(lambda: not is_running(int(node)))
 
 
 def is_running(process):
@@ -100,39 +84,39 @@ def is_running(process):
         return False
 
 
-def test_parameters_come_from_a_yaml_file(domain, tmp_path):
+def test_parameters_come_from_a_yaml_file(python, tmp_path):
     file = tmp_path / 'example.yaml'
     file.write_text('example:\n  ros__parameters:\n    rate: 2.5\n    rat: 1.0\n')
-    line, code, errors = stopped(domain, '--ros-args', '--params-file', str(file))
+    line, code, errors = stopped(python, '--ros-args', '--params-file', str(file))
     assert (line, code) == ('running at 2.5', 0)
     assert 'parameter rat is unknown here and ignored' in errors
 
 
-def test_a_file_that_has_nothing_for_the_node_is_said(domain, tmp_path):
+def test_a_file_that_has_nothing_for_the_node_is_said(python, tmp_path):
     file = tmp_path / 'example.yaml'
     file.write_text('/**/example:\n  ros__parameters: {rate: 2.5}\n')
     arguments = ('--ros-args', '-r', '__node:=other', '--params-file', str(file))
-    line, _, errors = stopped(domain, *arguments)
+    line, _, errors = stopped(python, *arguments)
     assert line == 'running at 20.0'
     assert 'WARN' in errors
     assert 'expected files with parameters for /other, got none for it' in errors
 
 
-def test_a_bad_parameter_is_one_line_and_exit_code_two(domain, tmp_path):
+def test_a_bad_parameter_is_one_line_and_exit_code_two(python, tmp_path):
     file = tmp_path / 'example.yaml'
     file.write_text('example:\n  ros__parameters:\n    rate: 20\n')
-    done = ended(domain, NODE, '--ros-args', '--params-file', str(file))
+    code, _, err = ended(python, NODE, '--ros-args', '--params-file', str(file))
     message = 'error: parameter rate: expected double, got integer 20 (write 20.0)\n'
-    assert (done.returncode, done.stderr) == (2, message)
+    assert (code, err) == (2, message)
 
 
 @pytest.mark.parametrize('arguments', [['--params-file', '/missing.yaml'], ['--nonsense']])
-def test_bad_ros_arguments_are_no_traceback_and_exit_code_two(domain, arguments):
-    done = ended(domain, NODE, '--ros-args', *arguments)
-    assert done.returncode == 2
+def test_bad_ros_arguments_are_no_traceback_and_exit_code_two(python, arguments):
+    code, _, err = ended(python, NODE, '--ros-args', *arguments)
+    assert code == 2
     # rcl may log a line of its own before ours
-    assert done.stderr.splitlines()[-1].startswith('error: ')
-    assert 'Traceback' not in done.stderr
+    assert err.splitlines()[-1].startswith('error: ')
+    assert 'Traceback' not in err
 
 
 COMPILING = """
@@ -148,15 +132,11 @@ sys.exit(run(build))
 """
 
 
-def test_a_signal_while_something_is_compiled_is_no_traceback(domain):
-    done = ended(domain, COMPILING)
-    assert (done.returncode, done.stdout, done.stderr) == (0, '', '')
-
-
-def test_a_node_that_fails_without_a_signal_says_why(domain):
-    done = ended(domain, COMPILING.replace('signal.SIGINT', '0'))
-    assert done.returncode == 1
-    assert 'RuntimeError: no compiled object yet' in done.stderr
+def test_a_signal_while_something_is_compiled_is_no_traceback_and_a_failure_without_one_is(python):
+    assert ended(python, COMPILING) == (0, '', '')
+    code, _, err = ended(python, COMPILING.replace('signal.SIGINT', '0'))
+    assert code == 1
+    assert 'RuntimeError: no compiled object yet' in err
 
 
 def test_a_signal_while_modules_are_imported_is_no_traceback(monkeypatch):
@@ -167,25 +147,25 @@ def test_a_signal_while_modules_are_imported_is_no_traceback(monkeypatch):
     assert executables.identifier() == 0
 
 
-def test_help_tells_the_parameters_and_starts_nothing(domain):
-    done = ended(domain, NODE, '--help')
-    assert (done.returncode, done.stderr) == (0, '')
-    assert '  rate  Rate. ([Hz] 1.0 to 50.0; default 20.0)\n' in done.stdout
-    assert 'running' not in done.stdout
+def test_help_tells_the_parameters_and_starts_nothing(python):
+    code, out, err = ended(python, NODE, '--help')
+    assert (code, err) == (0, '')
+    assert '  rate  Rate. ([Hz] 1.0 to 50.0; default 20.0)\n' in out
+    assert 'running' not in out
 
 
-def test_a_node_without_ros_says_so_in_a_line(domain):
+def test_a_node_without_ros_says_so_in_a_line(python):
     name = 'stimulator_driver'
     code = (
         'import sys\nsys.modules["rclpy"] = None\n'
         f'from rpms_ros.nodes.executables import {name}\nsys.exit({name}())\n'
     )
-    done = ended(domain, code)
-    assert (done.returncode, done.stdout, done.stderr.count('\n')) == (2, '', 1)
-    assert done.stderr.endswith(f'{name} needs ROS 2 Jazzy and rpms_msgs\n')
+    ending, out, err = ended(python, code)
+    assert (ending, out, err.count('\n')) == (2, '', 1)
+    assert err.endswith(f'{name} needs ROS 2 Jazzy and rpms_msgs\n')
 
 
-def test_a_domain_in_which_somebody_is_is_not_chosen(domain, context, monkeypatch):
+def test_a_domain_in_which_somebody_is_is_not_chosen(graphs, domain, context, monkeypatch):
     from rpms_ros.nodes.common import runner
 
     monkeypatch.setattr(runner, '_DOMAINS', range(domain, domain + 1))
@@ -193,15 +173,14 @@ def test_a_domain_in_which_somebody_is_is_not_chosen(domain, context, monkeypatc
     with pytest.raises(NodeError, match='expected a free DDS domain'), runner.free_domain():
         pass
     nodes = [Node('here', context=context, use_global_arguments=False)]
-    second = Context()
-    rclpy.init(args=[], context=second, domain_id=domain)
-    nodes.append(Node('there', context=second, use_global_arguments=False))
-    # whoever is first, or second where the first has gone
-    for node in nodes:
-        monkeypatch.setattr(runner, '_MARK', 6)
-        with pytest.raises(NodeError, match='expected a free DDS domain'), runner.free_domain():
-            pass
-        node.destroy_node()
-        node.context.try_shutdown()
+    with graphs.private_context(domain) as second:
+        nodes.append(Node('there', context=second, use_global_arguments=False))
+        # whoever is first, or second where the first has gone
+        for node in nodes:
+            monkeypatch.setattr(runner, '_MARK', 6)
+            with pytest.raises(NodeError, match='expected a free DDS'), runner.free_domain():
+                pass
+            node.destroy_node()
+            node.context.try_shutdown()
     with runner.free_domain() as free:
         assert free == domain

@@ -21,7 +21,7 @@ from rpms_ros.stimulation import paper_random
 
 pytestmark = pytest.mark.long
 
-RPMS = [sys.executable, '-c', 'import sys; from rpms_ros.cli import main; sys.exit(main())']
+DEMO = ('-m', 'rpms_ros.cli', 'demo')
 
 
 def processes_of(folder, file=''):
@@ -47,7 +47,7 @@ def demo(folder, *options):
     for _ in range(5):
         shutil.rmtree(folder, ignore_errors=True)
         done = subprocess.run(
-            [*RPMS, 'demo', *options, '--out', str(folder)],
+            [sys.executable, *DEMO, *options, '--out', str(folder)],
             text=True,
             capture_output=True,
             check=False,
@@ -96,20 +96,15 @@ def test_a_demo_of_a_scenario_is_followed_and_held_against_its_truth(tmp_path):
 
 
 @pytest.mark.parametrize('stop', [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
-def test_no_process_is_left_behind(tmp_path, wait_for, stop):
+def test_no_process_is_left_behind(python, tmp_path, wait_for, stop):
     folder = tmp_path / 'demo'
-    with subprocess.Popen(
-        [*RPMS, 'demo', '--out', str(folder)],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as process:
-        wait_for(lambda: len(processes_of(folder)) == 3, 120.0)
-        # all of them listen by then, or are about to
-        wait_for(lambda: (folder / 'recording').exists(), 120.0)
-        process.send_signal(stop)
-        # a process that is compiling hears the signal afterwards
-        _, errors = process.communicate(timeout=250)
+    process = python(*DEMO, '--out', str(folder))
+    wait_for(lambda: len(processes_of(folder)) == 3, 120.0)
+    # all of them listen by then, or are about to
+    wait_for(lambda: (folder / 'recording').exists(), 120.0)
+    process.send_signal(stop)
+    # a process that is compiling hears the signal afterwards
+    _, errors = process.communicate(timeout=250)
     wait_for(lambda: processes_of(folder) == [], 250.0)
     assert 'Traceback' not in errors
     if stop == signal.SIGINT:
@@ -127,23 +122,18 @@ def test_a_process_that_ends_too_early_is_named_with_its_last_words(tmp_path):
     assert processes_of(tmp_path) == []
 
 
-def test_the_page_of_a_demo_answers_when_it_is_printed_and_only_shows(tmp_path, unused_port):
-    with subprocess.Popen(
-        [*RPMS, 'demo', '--live', str(unused_port), '--out', str(tmp_path / 'demo')],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as process:
-        try:
-            said = [process.stdout.readline() for _ in range(2)]
-            url = said[1].strip().rpartition(' ')[2]
-            with urllib.request.urlopen(url, timeout=60) as answer:
-                assert answer.status == 200
-            stop = urllib.request.Request(f'{url}stop', method='POST')
-            with pytest.raises(urllib.error.HTTPError, match='403'):
-                urllib.request.urlopen(stop, timeout=60)
-        finally:
-            process.send_signal(signal.SIGINT)
-            # a machine under load may have to compile first
-            _, errors = process.communicate(timeout=180)
+def test_the_page_of_a_demo_answers_when_it_is_printed_and_only_shows(
+    python, tmp_path, unused_port
+):
+    process = python(*DEMO, '--live', str(unused_port), '--out', str(tmp_path / 'demo'))
+    said = [process.stdout.readline() for _ in range(2)]
+    url = said[1].strip().rpartition(' ')[2]
+    with urllib.request.urlopen(url, timeout=60) as answer:
+        assert answer.status == 200
+    stop = urllib.request.Request(f'{url}stop', method='POST')
+    with pytest.raises(urllib.error.HTTPError, match='403'):
+        urllib.request.urlopen(stop, timeout=60)
+    process.send_signal(signal.SIGINT)
+    # a machine under load may have to compile first
+    _, errors = process.communicate(timeout=180)
     assert 'Traceback' not in errors

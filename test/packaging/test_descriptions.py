@@ -21,12 +21,6 @@ def package_xml(folder):
     return ET.parse(folder / 'package.xml').getroot()
 
 
-def text(element, tag):
-    found = element.find(tag)
-    assert found.text is not None
-    return found.text
-
-
 def depends(element, *tags):
     return {item.text or '' for tag in tags for item in element.findall(tag)}
 
@@ -35,18 +29,9 @@ def setup_arguments():
     """Literal keyword arguments of setup(), without running it."""
     tree = ast.parse((ROOT / 'setup.py').read_text())
     calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)]
-    (setup,) = [c for c in calls if isinstance(c.func, ast.Name) and c.func.id == 'setup']
-    literal = {}
-    for keyword in setup.keywords:
-        if isinstance(keyword.value, ast.Constant) or keyword.arg == 'entry_points':
-            literal[str(keyword.arg)] = ast.literal_eval(keyword.value)
-    return literal
-
-
-def scripts():
-    entry_points = setup_arguments()['entry_points']
-    assert isinstance(entry_points, dict)
-    return list(entry_points['console_scripts'])
+    (setup,) = [call for call in calls if ast.unparse(call.func) == 'setup']
+    arguments = {keyword.arg: keyword.value for keyword in setup.keywords}
+    return {name: ast.literal_eval(arguments[name]) for name in ('version', 'entry_points')}
 
 
 def imported_packages():
@@ -65,8 +50,8 @@ def test_one_version():
     init = (ROOT / 'rpms_ros' / '__init__.py').read_text()
     project = tomllib.loads((MSGS / 'pyproject.toml').read_text())['project']
     versions = {
-        'package.xml': text(package_xml(ROOT), 'version'),
-        'msg_defs/package.xml': text(package_xml(MSGS), 'version'),
+        'package.xml': package_xml(ROOT).findtext('version'),
+        'msg_defs/package.xml': package_xml(MSGS).findtext('version'),
         'msg_defs/pyproject.toml': project['version'],
         'setup.py': setup_arguments()['version'],
         '__version__': re.findall(r"^__version__ = '(.*)'$", init, re.MULTILINE)[0],
@@ -80,9 +65,9 @@ def test_one_version():
 def test_a_release_finds_the_changes_of_its_version(folder):
     root = package_xml(folder)
     rst = (folder / 'CHANGELOG.rst').read_text()
-    assert f'Changelog for package {text(root, "name")}\n' in rst
+    assert f'Changelog for package {root.findtext("name")}\n' in rst
     # what catkin_prepare_release does: it puts version and date in the place of this title
-    label, version = get_forthcoming_label(rst), text(root, 'version')
+    label, version = get_forthcoming_label(rst), root.findtext('version')
     assert label == 'Forthcoming'
     heading = f'{version} (2026-01-01)\n------------------\n'
     released = rst.replace('Forthcoming\n-----------\n', heading)
@@ -91,7 +76,7 @@ def test_a_release_finds_the_changes_of_its_version(folder):
     assert changelog.get_content_of_version(version)
 
 
-def test_cmake_generates_every_interface():
+def test_cmake_generates_every_interface_and_depends_as_package_xml_says():
     cmake = (MSGS / 'CMakeLists.txt').read_text()
     named = set(re.findall(r'"((?:msg|srv|action)/\w+\.\w+)"', cmake))
     there = {
@@ -100,18 +85,14 @@ def test_cmake_generates_every_interface():
         for path in (MSGS / kind).glob(f'*.{kind}')
     }
     assert named == there
-
-
-def test_cmake_depends_as_package_xml_says():
-    cmake = (MSGS / 'CMakeLists.txt').read_text()
     found = set(re.findall(r'find_package\((\w+) REQUIRED\)', cmake))
     assert found == depends(package_xml(MSGS), 'buildtool_depend', 'depend')
 
 
-@pytest.mark.parametrize('script', scripts())
-def test_console_script_has_a_target(script):
-    module, function = script.split('=')[1].strip().split(':')
-    assert callable(getattr(import_module(module), function))
+def test_every_console_script_has_a_target():
+    for script in setup_arguments()['entry_points']['console_scripts']:
+        module, function = script.split('=')[1].strip().split(':')
+        assert callable(getattr(import_module(module), function)), script
 
 
 # Import name: rosdep key, where they differ.
@@ -151,22 +132,21 @@ def test_the_image_is_built_as_the_page_builds_a_workspace():
     assert set(pinned.split()) <= set((ROOT / 'requirements' / 'rpms.lock').read_text().split())
 
 
+def pins(name):
+    lines = (ROOT / 'requirements' / f'{name}.lock').read_text().splitlines()
+    return [line for line in lines if not line.startswith('#')]
+
+
 def test_locks_pin_every_package_once():
-    pins = []
-    for name in ('rpms.lock', 'colcon.lock', 'docs.lock'):
-        lines = (ROOT / 'requirements' / name).read_text().splitlines()
-        pins += [line for line in lines if not line.startswith('#')]
-    assert [pin for pin in pins if not re.fullmatch(r'[\w.-]+==[\w.]+', pin)] == []
-    names = [pin.split('==')[0] for pin in pins]
-    assert len(names) == len(set(names))
+    all_pins = [*pins('rpms'), *pins('colcon'), *pins('docs')]
+    assert [pin for pin in all_pins if not re.fullmatch(r'[\w.-]+==[\w.]+', pin)] == []
+    assert len(all_pins) == len({pin.split('==')[0] for pin in all_pins})
 
 
 @pytest.mark.parametrize('name', ['rpms', 'colcon', 'docs', 'wheel'])
 def test_lock_follows_its_source(name):
     source = (ROOT / 'requirements' / f'{name}.in').read_text()
     wanted = re.findall(r'^([\w.-]+)(?:\[\w+\])?(==[\w.]+)?$', source, re.MULTILINE)
-    lock = (ROOT / 'requirements' / f'{name}.lock').read_text().splitlines()
     for package, version in wanted:
-        entries = [line for line in lock if line.startswith(f'{package.lower()}==')]
-        assert len(entries) == 1, package
-        assert entries[0].endswith(version)
+        (pin,) = [pin for pin in pins(name) if pin.startswith(f'{package.lower()}==')]
+        assert pin.endswith(version)

@@ -111,6 +111,9 @@ def test_equation_10():
     formula = 0.0597 * (rate - (rate - 25.0) * bend) - 0.321
     # Rounding of numbers up to 4.
     np.testing.assert_allclose(RateRecruitment()(rate), formula, atol=1e-14)
+    # Table 3; four digits, as the expected values are given.
+    expected = [-0.0004, 0.7849, 0.9990, 1.3819]
+    np.testing.assert_allclose(formula[[0, 15, 20, 35]], expected, atol=5e-5)
 
 
 def test_equation_11_weights_every_pulse_by_its_own_intensity_and_rate():

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recordings for tests, made by the package and by rosbags."""
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,10 +12,10 @@ from rosbags.rosbag2 import CompressionMode, StoragePlugin, Writer
 from rosbags.rosbag2.enums import CompressionFormat
 
 from rpms_ros.pulses import ForceTrace, PulseTrain
+from rpms_ros.recording import write_recording
 from rpms_ros.recording.rosbag.definitions import known_types
 
 START_NS = 1_700_000_000_000_000_000
-RECORDINGS = Path(os.environ.get('RPMS_RECORDINGS', Path(__file__).parents[3] / 'shared/data'))
 
 
 @pytest.fixture
@@ -33,6 +32,13 @@ def session():
     stamp_ns = START_NS + np.arange(2000, dtype=np.int64) * 1_000_000
     pulses = PulseTrain.regular(generator.random(40), 20.0, START_NS)
     return pulses, ForceTrace(stamp_ns, generator.standard_normal(2000), 'load_cell')
+
+
+@pytest.fixture
+def bag(session, tmp_path):
+    """The folder of a recording of it."""
+    write_recording(tmp_path / 'bag', *session)
+    return tmp_path / 'bag'
 
 
 class Make:

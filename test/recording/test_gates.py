@@ -25,9 +25,10 @@ def gate(width=3, level=5.0):
     return level * np.isin(np.arange(COUNT), PLACES[:, None] + np.arange(width))
 
 
-def imported(path, values, **options):
-    columns = np.column_stack((TIME, np.sin(30.0 * TIME), values))
-    np.savetxt(path, columns, delimiter=',', header='Time [s],Force [N],Trigger', comments='')
+def imported(path, *values, title='', **options):
+    columns = np.column_stack((TIME, np.sin(30.0 * TIME), *values))
+    head = f'Time [s],Force [N],Trigger{title}'
+    np.savetxt(path, columns, delimiter=',', header=head, comments='')
     return import_file(path, ImportOptions(**options))
 
 
@@ -97,42 +98,36 @@ SHARES = np.random.default_rng(2).uniform(0.1, 1.0, len(PLACES))
 SHARES[0] = 1.0
 
 
-def heights():
-    values = gate(level=1.0)
-    values[values > 0.0] *= np.repeat(5.0 * SHARES, 3)
-    return values + 0.1 * NOISE
-
-
 def test_a_trigger_whose_height_is_the_intensity_loses_no_pulse(tmp_path):
+    heights = gate(level=1.0)
+    heights[heights > 0.0] *= np.repeat(5.0 * SHARES, 3)
+    heights += 0.1 * NOISE
     with pytest.raises(Ambiguous, match=r'expected pulses of one height in .* --threshold LEVEL'):
-        imported(tmp_path / 'a.csv', heights())
-    found = imported(tmp_path / 'a.csv', heights(), threshold=0.2)
+        imported(tmp_path / 'a.csv', heights)
+    found = imported(tmp_path / 'a.csv', heights, threshold=0.2)
     assert places(found) == PLACES.tolist()
     told = "is that the intensity? --intensity 'Trigger/5' decides"
     assert dict(found.facts)['warning'].endswith(told)
-    found = imported(tmp_path / 'a.csv', heights(), threshold=0.2, intensity='Trigger/5.01')
+    found = imported(tmp_path / 'a.csv', heights, threshold=0.2, intensity='Trigger/5.01')
     np.testing.assert_allclose(found.pulses.intensity, SHARES, atol=5e-3)
     assert 'warning' not in dict(found.facts)
     with pytest.raises(RecordingError, match=r"intensities from 0 to 1 in 'Trigger', or in a col"):
-        imported(tmp_path / 'a.csv', heights(), threshold=0.2, intensity='Trigger')
+        imported(tmp_path / 'a.csv', heights, threshold=0.2, intensity='Trigger')
     with pytest.raises(RecordingError, match=r"COLUMN/FULL, got 'Trigger/x'"):
-        imported(tmp_path / 'a.csv', heights(), threshold=0.2, intensity='Trigger/x')
+        imported(tmp_path / 'a.csv', heights, threshold=0.2, intensity='Trigger/x')
 
 
 @pytest.mark.parametrize('title', ['intensity', 'Intensity [%]'])
 def test_a_column_of_intensities_is_told_and_taken(tmp_path, title):
     held = np.repeat(SHARES, 50) * (100.0 if '%' in title else 1.0)
     held = np.concatenate((np.zeros(PLACES[0]), held, np.zeros(COUNT)))[:COUNT]
-    path = tmp_path / 'a.csv'
-    columns = np.column_stack((TIME, np.sin(30.0 * TIME), gate(), held))
-    head = f'Time [s],Force [N],Trigger,{title}'
-    np.savetxt(path, columns, delimiter=',', header=head, comments='')
+    given = tmp_path / 'a.csv', gate(), held
     stated = {'time': 'Time [s]', 'force': 'Force [N]', 'pulse': 'Trigger'}
-    found = import_file(path, ImportOptions(**stated))
+    found = imported(*given, title=f',{title}', **stated)
     assert set(found.pulses.intensity) == {1.0}
     assert dict(found.facts)['not used'] == repr(title)
     assert f'--intensity {title!r} decides' in dict(found.facts)['warning']
-    found = import_file(path, ImportOptions(intensity=title))
+    found = imported(*given, title=f',{title}', intensity=title)
     np.testing.assert_allclose(found.pulses.intensity, SHARES)
     assert 'warning' not in dict(found.facts)
 
@@ -207,10 +202,6 @@ def of_matlab(path, content, **options):
     return import_file(path, ImportOptions(**options))
 
 
-def pulses_told(found):
-    return dict(found.facts)['pulses']
-
-
 def expect_the_session(found, late_s=0.0):
     np.testing.assert_allclose(found.forces.force, FORCE)
     np.testing.assert_allclose(found.pulses.onset_ns, 1e9 * (ONSETS + late_s), atol=2.0)
@@ -234,25 +225,26 @@ def test_a_short_rising_vector_is_a_list_of_times(tmp_path, content, unit):
     found = of_matlab(tmp_path / 'a.mat', {'force': FORCE, 'fs': 1000.0, **content})
     expect_the_session(found)
     name = next(iter(content))
-    assert pulses_told(found).startswith(f"'{name}', {len(ONSETS)} times in {unit}, ")
+    assert dict(found.facts)['pulses'].startswith(f"'{name}', {len(ONSETS)} times in {unit}, ")
     assert found.guessed
 
 
-@pytest.mark.parametrize(('name', 'first'), [('stim_idx', 1), ('stim_samples', 1), ('stim', 1)])
-def test_numbers_of_samples_are_counted_from_1(tmp_path, name, first):
-    rate = 1000.0 if name != 'stim' else 4000.0
-    content = {'force': FORCE, 'fs': rate, name: PLACES + first}
+@pytest.mark.parametrize(
+    ('name', 'rate'), [('stim_idx', 1000.0), ('stim_samples', 1000.0), ('stim', 4000.0)]
+)
+def test_numbers_of_samples_are_counted_from_1(tmp_path, name, rate):
+    content = {'force': FORCE, 'fs': rate, name: PLACES + 1}
     found = of_matlab(tmp_path / 'a.mat', content)
     np.testing.assert_array_equal(found.pulses.onset_ns, found.forces.stamp_ns[PLACES])
-    assert f'{len(PLACES)} numbers of samples, counted from 1, ' in pulses_told(found)
+    told = f'{len(PLACES)} numbers of samples, counted from 1, '
+    assert told in dict(found.facts)['pulses']
 
 
 def test_a_list_beside_a_column_of_times(tmp_path):
-    content = {'force': FORCE, 'stim_times': ONSETS + 7.0, 'time': TIME + 7.0}
-    expect_the_session(of_matlab(tmp_path / 'a.mat', content), 7.0)
-    expect_the_session(of_matlab(tmp_path / 'a.mat', content, time='time'), 7.0)
-    content['time'] = 1e3 * content['time']
-    expect_the_session(of_matlab(tmp_path / 'a.mat', content), 7.0)
+    content = {'force': FORCE, 'stim_times': ONSETS + 7.0}
+    for scale, options in ((1.0, {}), (1.0, {'time': 'time'}), (1e3, {})):
+        content['time'] = scale * (TIME + 7.0)
+        expect_the_session(of_matlab(tmp_path / 'a.mat', content, **options), 7.0)
     content = {'force': FORCE, 'time': TIME, 'stim_idx': PLACES + 1}
     expect_the_session(of_matlab(tmp_path / 'a.mat', content))
 

@@ -1,8 +1,12 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Files of laboratories: what is accepted, what is guessed, and what is refused in which words."""
+"""Files of laboratories: what is accepted, what is guessed, and what is refused in which words.
+
+Some have something odd or damaged: they are read, or refused at once in one line.
+"""
 
 import sys
+import zipfile
 
 import numpy as np
 import pandas as pd
@@ -11,7 +15,6 @@ from scipy.io import savemat
 
 from rpms_ros.errors import RecordingError
 from rpms_ros.recording.importing import Ambiguous, ImportOptions, import_file
-from rpms_ros.recording.importing.guess import guess_by
 from rpms_ros.recording.importing.whole_file import read_signals
 
 openpyxl = pytest.importorskip('openpyxl')
@@ -27,10 +30,6 @@ ONSETS = [50, 100, 150]
 def imported(path, **given):
     found = import_file(path, ImportOptions(**given))
     return found.pulses, found.forces
-
-
-def guessed(path, **given):
-    return guess_by(read_signals(path), ImportOptions(**given))
 
 
 def expect_the_session(pulses, forces, scale=1.0, late_s=0.0):
@@ -82,9 +81,10 @@ def test_times_of_day_are_times(tmp_path):
     path = tmp_path / 'trial.csv'
     path.write_text('\n'.join(['time;force;gate', *lines]))
     expect_the_session(*imported(path), late_s=36_000.0)
-    assert dict(guessed(path).reasons)['time'] == "'time' in s, from times of day"
+    facts = import_file(path, ImportOptions()).facts
+    assert dict(facts)['time'] == "'time' in s, from times of day"
     with pytest.raises(RecordingError, match=r'expected no --time-unit, or s, for .* got ms'):
-        guessed(path, time_unit='ms')
+        imported(path, time_unit='ms')
     lines[-1] = lines[-1].replace('03-01', '03-02')
     path.write_text('\n'.join(['time;force;gate', *lines]))
     with pytest.raises(RecordingError, match=r'expected the times of one day in .* of 2 dates'):
@@ -104,7 +104,15 @@ def test_what_is_ambiguous_names_the_option_that_decides(tmp_path, head, columns
     path = tmp_path / 'trial.csv'
     np.savetxt(path, np.column_stack(columns), delimiter=',', header=head, comments='')
     with pytest.raises(Ambiguous, match=message):
-        guessed(path, **given)
+        imported(path, **given)
+
+
+COMMAS = (
+    r'expected a cell for each title of .*trial\.csv, got 3 titles, 6 cells a row: '
+    r'comma as decimal mark and as separator\? Export it with semicolons or tabs'
+)
+OLD_EXCEL = b'\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1' + bytes(504)
+MATLAB_7_3 = bytes(512) + b'\x89HDF\r\n\x1a\n'
 
 
 @pytest.mark.parametrize(
@@ -115,6 +123,12 @@ def test_what_is_ambiguous_names_the_option_that_decides(tmp_path, head, columns
         (b'a,b\nc,d\n', 'expected rows of numbers below the header of .*, got none among 2 lines'),
         (b't,f\n0,1\n1,x\n', "expected numbers in .*, got 'x' in row 2"),
         (b't,f\n0,1\n1,2\n2\n', 'expected 2 cells in each row of .*, got 1 in row 3 of the'),
+        (b't;f\n0,5;1,5\n0,6;1.5\n', r"got '1\.5' in row 2, where others have a decimal"),
+        (b't,f,g' + 40 * b'\n0,001,0,500,0,000', COMMAS),
+        (b't,f,g' + 40 * b'\n+0,001,+0,500,+0,000', COMMAS),
+        (b't,f,g' + 40 * b'\n1,000e-03,5,000e-01,0,000e+00', COMMAS),
+        (OLD_EXCEL, r'old format \.xls; save it as \.xlsx'),
+        (MATLAB_7_3, r"as save\(..., '-v7'\) writes it, got 7.3 in .*trial"),
     ],
 )
 def test_what_is_no_table_is_refused_in_our_words(tmp_path, content, message):
@@ -163,13 +177,6 @@ def test_spike2_matlab(tmp_path):
         read_signals(path)
 
 
-def test_matlab_7_3_is_told_what_to_become(tmp_path):
-    path = tmp_path / 'session.mat'
-    path.write_bytes(bytes(512) + b'\x89HDF\r\n\x1a\n')
-    with pytest.raises(RecordingError, match=r"as save\(..., '-v7'\) writes it, got 7.3 in .*mat"):
-        read_signals(path)
-
-
 def test_a_file_on_which_scipy_crashes_is_refused_in_one_line(tmp_path):
     path = tmp_path / 'session.mat'
     savemat(path, {'s': {'a': np.arange(5), 't': 'text'}})
@@ -181,21 +188,24 @@ def test_a_file_on_which_scipy_crashes_is_refused_in_one_line(tmp_path):
         import_file(path, ImportOptions())
 
 
-def test_excel(tmp_path):
+def workbook(path, *rows):
     book = openpyxl.Workbook()
-    sheet = book.active
-    sheet.append(['Trial of a left leg'])
-    sheet.append(['Time [s]', 'Force [N]', 'Trigger'])
-    for row in zip(TIME.tolist(), FORCE.tolist(), GATE.tolist(), strict=True):
-        sheet.append(row)
-    path = tmp_path / 'session.xlsx'
+    for row in rows:
+        book.active.append(row)
     book.save(path)
+    return path
+
+
+def test_excel(tmp_path):
+    rows = zip(TIME.tolist(), FORCE.tolist(), GATE.tolist(), strict=True)
+    path = workbook(tmp_path / 'session.xlsx', ['Trial of a left leg'], HEAD, *rows)
     expect_the_session(*imported(path))
+    book = openpyxl.load_workbook(path)
     book.create_sheet('notes').append(['nothing'])
     book.save(path)
     with pytest.raises(RecordingError, match=r'expected one sheet in .* --sheet NAME decides'):
         read_signals(path)
-    expect_the_session(*imported(path, sheet=sheet.title))
+    expect_the_session(*imported(path, sheet=book.sheetnames[0]))
     path.write_bytes(path.read_bytes()[:200])
     with pytest.raises(RecordingError, match='expected an Excel workbook at'):
         read_signals(path)
@@ -275,6 +285,11 @@ def xdf_stream(stream_id, header, samples, count):
 
 def test_xdf(tmp_path):
     pytest.importorskip('pyxdf')
+    path, header = tmp_path / 'session.xdf', XDF_HEADER.format('force', 1000, 'double64')
+    for streams in (b'', xdf_stream(1, header, b'', 0)):
+        path.write_bytes(b'XDF:' + streams)
+        with pytest.raises(RecordingError, match=r'expected a sampled stream in .*session\.xdf'):
+            read_signals(path)
     stamped = b''.join(
         b'\x08' + np.float64(5.0 + t).tobytes() + np.float64(f).tobytes()
         for t, f in zip(TIME, FORCE, strict=True)
@@ -282,29 +297,17 @@ def test_xdf(tmp_path):
     marks = b''.join(
         b'\x08' + np.float64(5.0 + TIME[place]).tobytes() + b'\x01\x05pulse' for place in ONSETS
     )
-    path = tmp_path / 'session.xdf'
     path.write_bytes(
         b'XDF:'
-        + xdf_stream(1, XDF_HEADER.format('force', 1000, 'double64'), stamped, COUNT)
+        + xdf_stream(1, header, stamped, COUNT)
         + xdf_stream(2, XDF_HEADER.format('triggers', 0, 'string'), marks, len(ONSETS))
     )
-    file = read_signals(path)
-    assert file.kind == 'XDF'
+    assert read_signals(path).kind == 'XDF'
     pulses, forces = imported(path)
     np.testing.assert_allclose(forces.force, FORCE)
     # pyxdf draws a straight line through the stamps of a regular stream: within a microsecond
     np.testing.assert_allclose(forces.stamp_ns, 1e9 * TIME, atol=1000.0)
     np.testing.assert_allclose(pulses.onset_ns, [1e6 * place for place in ONSETS], atol=1000.0)
-
-
-@pytest.mark.parametrize('streams', ['', 'empty'])
-def test_an_xdf_file_without_samples_is_refused(tmp_path, streams):
-    pytest.importorskip('pyxdf')
-    stream = xdf_stream(1, XDF_HEADER.format('force', 1000, 'double64'), b'', 0)
-    path = tmp_path / 'session.xdf'
-    path.write_bytes(b'XDF:' + (stream if streams else b''))
-    with pytest.raises(RecordingError, match=r'expected a sampled stream in .*session\.xdf'):
-        read_signals(path)
 
 
 @pytest.mark.parametrize(
@@ -325,20 +328,12 @@ def table(path, **columns):
     return path
 
 
-def test_times_that_step_back_are_told_with_their_place(tmp_path):
-    late = TIME.copy()
-    late[150:] -= 0.1
-    path = table(tmp_path / 'trial.csv', time=late)
+def test_times_that_step_back_are_told_with_their_place_and_no_number_is_no_force(tmp_path):
+    late = np.where(np.arange(COUNT) < 150, TIME, TIME - 0.1)
     with pytest.raises(Ambiguous, match=r"'Time \[s\]' with 0\.149 and then 0\.05 in row 151"):
-        imported(path)
-
-
-def test_a_force_without_a_number_is_no_force(tmp_path):
-    path = table(tmp_path / 'trial.csv', force=np.full(COUNT, np.nan))
-    with pytest.raises(
-        RecordingError, match=r"expected numbers in column 'Force \[N\]' of .*none"
-    ):
-        imported(path)
+        imported(table(tmp_path / 'trial.csv', time=late))
+    with pytest.raises(RecordingError, match=r"expected numbers in column 'Force .N.' of .*none"):
+        imported(table(tmp_path / 'trial.csv', force=np.full(COUNT, np.nan)))
 
 
 def test_what_is_missing_or_not_stated_is_told(tmp_path):
@@ -350,3 +345,83 @@ def test_what_is_missing_or_not_stated_is_told(tmp_path):
     assert found.guessed
     # everything is named, and the units stand in the names
     assert not import_file(table(tmp_path / 'whole.csv'), ImportOptions(**names)).guessed
+
+
+@pytest.mark.parametrize(
+    ('begun', 'match'),
+    [(False, 'got .*corrupt'), (True, 'got ')],
+    ids=['zeros', 'behind a header'],
+)
+def test_zeros_are_no_matlab_file(tmp_path, begun, match):
+    """To step on through so many, which take no room, would last longer than a test may."""
+    path = tmp_path / 'zeros.mat'
+    if begun:
+        savemat(path, {})
+    with path.open('ab') as file:
+        file.truncate(1 << 34)
+    with pytest.raises(RecordingError, match=rf'expected a MATLAB file at .*zeros\.mat, {match}'):
+        read_signals(path)
+
+
+@pytest.mark.parametrize(
+    ('separator', 'row', 'cell'),
+    [
+        (';', '1.058,403;0,500', '1.058,403'),
+        ('\t', '1,058.403\t0.500', '1,058.403'),
+        (',', '"1,058.403",0.500', '1,058.403'),
+        (';', "1'058.403;0.500", "1'058.403"),
+        (';', '1\N{NARROW NO-BREAK SPACE}058,403;0,500', '1\N{NARROW NO-BREAK SPACE}058,403'),
+        (';', '-1.058.403;0,500', '-1.058.403'),
+        # would be read as a little more than one
+        (';', '1.058;0,500', '1.058'),
+    ],
+)
+def test_marks_between_thousands_are_named(tmp_path, separator, row, cell):
+    path = tmp_path / 'trial.csv'
+    path.write_text(f'time [ms]{separator}force [N]\n{row}\n{row}\n', encoding='utf-8')
+    with pytest.raises(RecordingError) as refused:
+        read_signals(path)
+    assert str(refused.value) == (
+        f'expected numbers without marks between thousands in {path}, got {cell!r}; '
+        'export it without them'
+    )
+
+
+def test_a_row_of_units_below_the_titles_counts(tmp_path):
+    """A force in mN would else be a thousand times as large."""
+    rows = [[at, 1000.0 + at % 7, 5.0 if at % 50 == 10 else 0.0] for at in range(1000)]
+    path = workbook(tmp_path / 'leg.xlsx', ['Time', 'Force', 'Trigger'], ['ms', 'mN', 'V'], *rows)
+    found = import_file(path, ImportOptions())
+    assert found.forces.force[0] == pytest.approx(1.0)
+    assert ('force', "'Force' in mN, as the file says") in found.facts
+    assert ('time', "'Time' in ms, as the file says") in found.facts
+    assert ('pulses', "'Trigger'") in found.facts
+
+
+def repacked(path, change):
+    """Write other content into parts of a workbook."""
+    with zipfile.ZipFile(path) as archive:
+        parts = {name: archive.read(name) for name in archive.namelist()}
+    with zipfile.ZipFile(path, 'w', zipfile.ZIP_DEFLATED) as archive:
+        for name, content in {**parts, **change}.items():
+            archive.writestr(name, content)
+
+
+@pytest.mark.parametrize('part', ['xl/worksheets/sheet1.xml', 'xl/workbook.xml', 'xl/styles.xml'])
+@pytest.mark.parametrize('content', [b'', b'<a', b'<a/>', b'\xff\xfe'])
+def test_a_workbook_with_a_damaged_part_is_refused(tmp_path, part, content):
+    path = workbook(tmp_path / 'session.xlsx')
+    repacked(path, {part: content})
+    with pytest.raises(RecordingError, match=r'session\.xlsx'):
+        read_signals(path)
+
+
+def test_small_files_that_unpack_into_much_are_refused(tmp_path, monkeypatch):
+    """With a limit that a test can reach."""
+    savemat(tmp_path / 'a.mat', {'force': np.zeros(500_000)}, do_compression=True)
+    repacked(workbook(tmp_path / 'd.xlsx'), {'xl/worksheets/sheet1.xml': bytes(2_000_000)})
+    monkeypatch.setattr('rpms_ros.recording.importing.whole_file._LARGEST', 1_000_000)
+    told = r'expected a file that unpacks into 0.001.* GB at most'
+    for name in ('a.mat', 'd.xlsx'):
+        with pytest.raises(RecordingError, match=told):
+            import_file(tmp_path / name, ImportOptions())

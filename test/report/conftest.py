@@ -56,11 +56,6 @@ def _with_session(report, session):
 
 
 @pytest.fixture(scope='session')
-def make_recording():
-    return _make_recording
-
-
-@pytest.fixture(scope='session')
 def make_report():
     return _make_report
 
@@ -79,6 +74,24 @@ def recording_path(tmp_path_factory):
 @pytest.fixture(scope='session')
 def report(recording_path):
     return _make_report(recording_path)
+
+
+@pytest.fixture(scope='session')
+def constant_report(tmp_path_factory):
+    """The report on pulses of one intensity."""
+    return _make_report(_make_recording(tmp_path_factory.mktemp('report') / 'constant', low=1.0))
+
+
+@pytest.fixture
+def with_last(report):
+    """Change fields of the last estimate of the report."""
+
+    def changed(**fields):
+        *before, last = report.identified.estimates
+        estimates = [*before, replace(last, **fields)]
+        return _with_session(report, replace(report.identified, estimates=estimates))
+
+    return changed
 
 
 @pytest.fixture(scope='session')

@@ -36,7 +36,7 @@ def empty():
     return analyze(pulses, simulated_force(average_subject(), pulses, 2.0))
 
 
-def test_the_document_is_json_without_nan(whole):
+def test_the_document_is_json_without_nan_also_without_pulses(whole, empty):
     document = json.loads(json.dumps(analysis_document(whole), allow_nan=False))
     assert document['twitches']['order']['order'] == 3
     assert document['twitches']['latency']['rows'][0]['count'] == 2
@@ -45,9 +45,6 @@ def test_the_document_is_json_without_nan(whole):
     }  # fmt: skip
     assert document['recruitment']['parameters']['threshold']['low'] < 0.5
     assert len(document['steady']) >= 15
-
-
-def test_a_recording_without_pulses_has_a_document(empty):
     document = analysis_document(empty)
     assert document['twitches'] is None
     assert document['clocks'] is None

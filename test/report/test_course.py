@@ -17,49 +17,55 @@ from rpms_ros.report.known_muscle import of_subject, of_truths
 from rpms_ros.report.recorded import true_muscle
 
 
+@pytest.fixture
+def course(made_up):
+    """The course of a session with these estimates."""
+    return lambda estimates: course_of(made_up.session_of(estimates))
+
+
 def several(made_up, count=20, **fields):
     return [made_up.estimate(index, **fields) for index in range(1, count + 1)]
 
 
-def test_forces_and_parameters_have_their_intervals(made_up):
-    course = course_of(made_up.session_of(several(made_up)))
-    assert course.time_s[[0, -1]].tolist() == [0.5, 10.0]
-    assert course.force.value.tolist() == [10.0] * 20
-    np.testing.assert_allclose(course.force.upper - course.force.value, 0.1)
-    threshold = course.parameter('u_thr')
+def changed(index, kind, at_s):
+    """Fields of an estimate that has found a change."""
+    ago = np.array([0.5 * index - at_s])
+    return {'changes': 1, 'change_kinds': (kind,), 'change_ago': ago}
+
+
+def test_forces_and_parameters_have_their_intervals(made_up, course):
+    found = course(several(made_up))
+    assert found.time_s[[0, -1]].tolist() == [0.5, 10.0]
+    assert found.force.value.tolist() == [10.0] * 20
+    np.testing.assert_allclose(found.force.upper - found.force.value, 0.1)
+    threshold = found.parameter('u_thr')
     # 1.96 standard deviations of 0.01
     np.testing.assert_allclose(threshold.upper - threshold.value, 0.0196, rtol=1e-3)
-    assert course.has_course
+    assert found.has_course
 
 
-def test_what_is_not_known_is_left_out(made_up):
+def test_what_is_not_known_is_left_out(made_up, course):
     empty = {'curve_force': np.empty(0), 'curve_lower': np.empty(0), 'curve_upper': np.empty(0)}
     unknown = {'nonlinear_identifiability': np.array([0, 2, 2, 2])}
-    estimates = [
-        made_up.estimate(1, samples=0),
-        made_up.estimate(2, **empty),
-        *several(made_up, 3, **unknown)[2:],
-    ]
-    course = course_of(made_up.session_of(estimates))
-    assert course.force.known.tolist() == [False, False, True]
-    assert course.parameter('u_thr').known.tolist() == [False, True, False]
-    assert course.parameter('u_sat').known.tolist() == [False, True, True]
-    assert not course.has_course
+    fields = {'samples': 0}, empty, unknown
+    found = course([made_up.estimate(index, **one) for index, one in enumerate(fields, 1)])
+    assert found.force.known.tolist() == [False, False, True]
+    assert found.parameter('u_thr').known.tolist() == [False, True, False]
+    assert found.parameter('u_sat').known.tolist() == [False, True, True]
+    assert not found.has_course
 
 
-def test_a_change_that_is_renamed_counts_once_under_its_last_name(made_up):
+def test_a_change_that_is_renamed_counts_once_under_its_last_name(made_up, course):
     told = [
-        made_up.estimate(
-            index, changes=1, change_kinds=(kind,), change_ago=np.array([0.5 * index - 4.0])
-        )
+        made_up.estimate(index, **changed(index, kind, 4.0))
         for index, kind in ((9, 'gain'), (10, 'thresholds'))
     ]
-    (change,) = course_of(made_up.session_of([*several(made_up, 8), *told])).changes
+    (change,) = course([*several(made_up, 8), *told]).changes
     assert (change.kind, change.time_s) == ('thresholds', pytest.approx(4.0))
     assert 'the coil probably moved' in change.reason
 
 
-def test_warnings_become_spans_and_short_breaks_do_not_end_them(made_up):
+def test_warnings_become_spans_and_short_breaks_do_not_end_them(made_up, course):
     # a reason says why an interval is wide, as of all estimates of a verdict that is good
     estimates = [
         made_up.estimate(
@@ -69,18 +75,18 @@ def test_warnings_become_spans_and_short_breaks_do_not_end_them(made_up):
         )
         for index in range(1, 21)
     ]
-    flags = course_of(made_up.session_of(estimates)).flags
+    flags = course(estimates).flags
     assert [(flag.start_s, flag.end_s) for flag in flags] == [(1.5, 2.5), (6.0, 6.0)]
     assert {flag.text for flag in flags} == {'the curve is negative: a muscle does not push'}
 
 
-def test_a_fault_is_a_span_while_it_is_counted_not_ever_after(made_up):
+def test_a_fault_is_a_span_while_it_is_counted_not_ever_after(made_up, course):
     counts = [0, 0, 3, 9, 9, 9, 9, 9]
     estimates = [
         made_up.estimate(index + 1, faults={'force_frozen': count} if count else {}, doubts=('x',))
         for index, count in enumerate(counts)
     ]
-    (flag,) = course_of(made_up.session_of(estimates)).flags
+    (flag,) = course(estimates).flags
     assert (flag.start_s, flag.end_s) == (1.5, 2.0)
     assert flag.text.startswith('force_frozen: ')
 
@@ -125,16 +131,13 @@ def test_a_force_that_falls_is_told_with_its_interval(made_up):
         ('unknown', 'Something changed at 20.0 s'),
     ],
 )
-def test_a_sudden_change_is_told_with_what_it_did(made_up, kind, words):
-    def at(index):
-        late = index > 40
-        fields = {
-            'changes': 1, 'change_kinds': (kind,), 'change_ago': np.array([0.5 * index - 20.0]),
-            'nonlinear': np.array([0.56, 1.06, 4.0, 6.0]),
-        } if late else {}  # fmt: skip
-        return made_up.estimate(index, 8.0 if late else 10.0, **fields)
-
-    text = steadiness(course_of(made_up.session_of([at(index) for index in range(1, COUNT + 1)])))
+def test_a_sudden_change_is_told_with_what_it_did(made_up, course, kind, words):
+    other = {'force': 8.0, 'nonlinear': np.array([0.56, 1.06, 4.0, 6.0])}
+    late = [
+        made_up.estimate(index, **other, **changed(index, kind, 20.0))
+        for index in range(41, COUNT + 1)
+    ]
+    text = steadiness(course([*several(made_up, 40), *late]))
     assert text.startswith(words)
     # two intervals of 1 % and 1.25 %, times 0.8
     assert text.endswith('the force at full intensity fell by 20 % (19 to 21 %).')
@@ -142,23 +145,18 @@ def test_a_sudden_change_is_told_with_what_it_did(made_up, kind, words):
 
 
 @pytest.mark.parametrize('kind', ['thresholds', 'gain', 'dynamics'])
-def test_what_is_the_same_afterwards_is_no_change(made_up, kind):
+def test_what_is_the_same_afterwards_is_no_change(made_up, course, kind):
     def at(index, moved=0.0, half=0.1):
-        late = index > 40
-        covariance = np.diag([1e-6, 1e-6, 0.01, 0.01])
-        fields = {'nonlinear_covariance': covariance}
-        if late:
-            fields |= {
-                'changes': 1, 'change_kinds': (kind,), 'change_ago': np.array([0.5 * index - 20.0])
-            }  # fmt: skip
+        fields = {'nonlinear_covariance': np.diag([1e-6, 1e-6, 0.01, 0.01])}
+        if index > 40:
+            fields |= changed(index, kind, 20.0)
             # a few seconds of something else
             shift = 0.04 * np.exp(-(index - 40) / 8) + moved
             fields['nonlinear'] = np.array([0.48 + shift, 0.98 + shift, 4.0, 6.0])
         return made_up.estimate(index, 10.0, half, **fields)
 
     def said(*options):
-        estimates = [at(index, *options) for index in range(1, COUNT + 1)]
-        return steadiness(course_of(made_up.session_of(estimates)))
+        return steadiness(course([at(index, *options) for index in range(1, COUNT + 1)]))
 
     assert said().startswith('Something at 20.0 s looked like another muscle, but thresholds,')
     assert 'an effort, a spasm or a bump, say. The muscle stayed the same within' in said()

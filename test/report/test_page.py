@@ -92,12 +92,11 @@ def test_every_section_is_there_and_linked(page, checked):
     assert checked.tags['img'] == len(FIGURES)
 
 
-def test_the_page_carries_the_document(page, document):
+def test_the_page_carries_the_document_and_names_out_of_a_recording_are_text(
+    page, document, checked
+):
     assert embedded(page) == json.loads(json.dumps(document))
     assert document['session']['notes']['operator'] == '</script><b>'
-
-
-def test_names_out_of_a_recording_are_text(page, checked):
     assert '<h1>leg &amp; &lt;arm&gt;</h1>' in page
     assert 'round &lt;90 mm&gt; &amp; &#34;flat&#34;' in page
     assert checked.tags['b'] == checked.tags['arm'] == 0
@@ -116,23 +115,19 @@ def test_figures_are_written_as_pixels_and_vectors(tmp_path, report):
             assert '<svg' in path.read_text()
 
 
-def test_one_intensity_is_said_and_not_drawn(tmp_path, make_recording, make_report):
-    report = make_report(make_recording(tmp_path / 'constant', low=1.0))
-    page = as_page(report)
+def test_one_intensity_is_said_and_not_drawn(constant_report):
+    page = as_page(constant_report)
     assert 'there is no curve to show' in page
     assert 'cannot be told apart' in page
     assert embedded(page)['result']['curve'] is None
 
 
-def test_intervals_and_physiology_are_shown_where_an_estimator_has_them(
-    report, page, with_session
-):
+def test_intervals_and_physiology_are_shown_where_an_estimator_has_them(report, page, with_last):
     assert 'has no intervals' in page
     assert 'fits no twitch to it' in page
     last = report.identified.last
     size = len(last.nonlinear)
-    richer = replace(
-        last,
+    richer = with_last(
         confidence=0.95,
         curve_lower=last.curve_force - 1.0,
         curve_upper=last.curve_force + 1.0,
@@ -145,36 +140,21 @@ def test_intervals_and_physiology_are_shown_where_an_estimator_has_them(
         physiology_lower=np.array([0.009, 2.75]),
         physiology_upper=np.array([0.0102, 3.25]),
     )
-    estimates = [*report.identified.estimates[:-1], richer]
-    changed = with_session(report, replace(report.identified, estimates=estimates))
-    text = unquote(as_page(changed))
+    text = unquote(as_page(richer))
     assert 'states no' not in text
     for shown in ('95 % band', 'latency_s', '2.75 to 3.25', '0.25', 'converged', 'not informed'):
         assert shown in text
     assert embedded(text)['result']['confidence'] == 0.95
 
 
-@pytest.fixture(scope='module')
-def trains_page(make_report, tmp_path_factory):
-    """A report on three trains of one intensity."""
-    first = np.array([1.0, 3.0, 5.0])
-    onset = np.concatenate([begin + np.arange(8) / 50 for begin in first])
+def test_trains_of_one_intensity_have_a_report_of_their_own(make_report, tmp_path):
+    onset = np.concatenate([begin + np.arange(8) / 50 for begin in (1.0, 3.0, 5.0)])
     time = np.arange(12_000) / 2000
     force = 2.0 * twitch(time[:, None] - onset - 9e-3, 15e-3, 3).sum(axis=1)
     force += 1e-3 * np.random.default_rng(1).standard_normal(len(force))
-    count = len(onset)
-    pulses = PulseTrain(
-        np.round(1e9 * onset).astype(np.int64),
-        np.full(count, 0.7),
-        np.arange(count),
-        np.full(count, 1e-4),
-    )
-    path = tmp_path_factory.mktemp('trains') / 'trains'
-    write_recording(path, pulses, ForceTrace(500_000 * np.arange(12_000), force))
-    return as_page(make_report(path))
-
-
-def test_trains_of_one_intensity_have_a_report_of_their_own(trains_page):
+    pulses = PulseTrain.numbered(np.round(1e9 * onset).astype(np.int64), 0.7)
+    write_recording(tmp_path / 'trains', pulses, ForceTrace(500_000 * np.arange(12_000), force))
+    trains_page = as_page(make_report(tmp_path / 'trains'))
     assert 'good</strong> <span>dynamics only' in trains_page
     assert 'Use onset, T_a and latency.' in trains_page
     # `tracking` would tell no more of them

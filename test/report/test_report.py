@@ -35,14 +35,11 @@ SECOND = 1_000_000_000
 def test_what_is_held_out_does_not_change_what_was_learnt(recording_path, name):
     recording = read_recording(recording_path)
     first_ns = boundary(recording.forces.stamp_ns, 0.2)
-    frozen = FrozenFrom(estimator_by_name(name), first_ns)
-    session = identify(frozen, recording.pulses, recording.forces)
     spoiled = recording.forces.force.copy()
     spoiled[recording.forces.stamp_ns >= first_ns] *= -3.0
-    again = identify(
-        FrozenFrom(estimator_by_name(name), first_ns),
-        recording.pulses,
-        replace(recording.forces, force=spoiled),
+    session, again = (
+        identify(FrozenFrom(estimator_by_name(name), first_ns), recording.pulses, forces)
+        for forces in (recording.forces, replace(recording.forces, force=spoiled))
     )
     assert session.prediction.tobytes() == again.prediction.tobytes()
     assert session.last.nonlinear.tobytes() == again.last.nonlinear.tobytes()
@@ -81,27 +78,14 @@ def test_trains_rates_and_energy_are_those_of_the_pulses():
     assert found.full_intensity_pulses == pytest.approx(3.5)
 
 
-def test_a_dead_force_still_gives_a_report(tmp_path, make_recording, make_report):
-    recording = read_recording(make_recording(tmp_path / 'alive'))
-    dead = replace(recording.forces, force=np.zeros(len(recording.forces)))
-    write_recording(tmp_path / 'dead', recording.pulses, dead)
+def test_a_dead_force_still_gives_a_report(tmp_path, report, make_report):
+    pulses, forces = report.recording.pulses, report.recording.forces
+    write_recording(tmp_path / 'dead', pulses, replace(forces, force=np.zeros(len(forces))))
     document = plain(make_report(tmp_path / 'dead'))
     assert document['residuals'] is None
     assert document['held_out'] is None
     assert document['result']['output_error_of_range'] is None
     assert any('no residual analysis' in remark for remark in document['remarks'])
-
-
-@pytest.fixture
-def with_last(report, with_session):
-    """Change fields of the last estimate of the report."""
-
-    def changed(**fields):
-        *before, last = report.identified.estimates
-        last = replace(last, **fields)
-        return with_session(report, replace(report.identified, estimates=[*before, last]))
-
-    return changed
 
 
 def test_the_first_section_is_the_verdict_with_its_reasons(report, page):
@@ -194,10 +178,9 @@ def noise(seed):
 def test_white_residuals_look_white_as_often_as_the_band_says():
     found = [analyse_residuals(STAMPS, noise(seed), PULSES) for seed in range(40)]
     # 5 % of 400 lags in 40 runs: its standard deviation is 0.2 %, the tolerance is five of them
-    outside = np.mean([one.autocorrelation_outside for one in found])
-    assert outside == pytest.approx(0.05, abs=0.01)
-    outside = np.mean([one.cross_correlation_outside for one in found])
-    assert outside == pytest.approx(0.05, abs=0.01)
+    for name in ('autocorrelation_outside', 'cross_correlation_outside'):
+        outside = np.mean([getattr(one, name) for one in found])
+        assert outside == pytest.approx(0.05, abs=0.01)
     # p is uniform: fewer than 12 of 40 below 0.1 but for one case in ten thousand
     assert sum(one.ljung_box_p < 0.1 for one in found) < 12
 

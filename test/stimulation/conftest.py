@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A driver in virtual time: a clock that only the test moves, a device that notes its commands."""
 
+import contextlib
 import dataclasses
 from functools import cache
 
@@ -17,6 +18,7 @@ from rpms_ros.stimulation.limits.device_specification import load_device_specifi
 from rpms_ros.stimulation.records.dose_ledger import DoseLedger
 
 SECOND = 1_000_000_000
+TRAIN = constant(0.5, 5.0, 20.0)
 CALLS = ('open', 'arm', 'prepare', 'fire', 'keep_alive', 'beat', 'rest', 'silence', 'close')
 
 
@@ -28,6 +30,12 @@ def cached_specification(name):
         found.limits, maximum_intensity_step=1.0, maximum_intensity_rise=1.0
     )
     return dataclasses.replace(found, limits=known)
+
+
+@pytest.fixture
+def rapid():
+    """The device whose public figures come with the package, for such a subject."""
+    return cached_specification('rapid2-240v')
 
 
 class Clock:
@@ -160,6 +168,16 @@ class Driver:
         self.controller.arm()
         return self
 
+    def started(self, schedule=TRAIN, seconds=0.0):
+        """Arm, start a schedule and let time pass."""
+        self.armed().controller.start(schedule)
+        self.advance(seconds)
+        return self
+
+    @property
+    def run(self):
+        return self.controller.run
+
     def advance(self, seconds, late_ns=0):
         """Let time pass; the owner's turns come when they are due, those with a pulse later."""
         end = self.clock.now + round(seconds * SECOND)
@@ -178,7 +196,7 @@ class Driver:
 def armed_on_the_line(tmp_path, any_lateness):
     """Arm a controller of a simulated instrument on a line, for a device specification.
 
-    Return it, its threads, and what keeps its executor alive.
+    Return it, and what keeps its executor alive.
     """
     del any_lateness
 
@@ -198,6 +216,8 @@ def armed_on_the_line(tmp_path, any_lateness):
         )
         threads = ControllerThreads(controller)
         threads.start()
+        armed.callback(threads.close)
+        armed.callback(controller.cleanup)
         controller.configure()
 
         def alive():
@@ -206,9 +226,10 @@ def armed_on_the_line(tmp_path, any_lateness):
 
         alive()
         controller.arm()
-        return controller, threads, alive
+        return controller, alive
 
-    return arm
+    with contextlib.ExitStack() as armed:
+        yield arm
 
 
 @pytest.fixture
@@ -220,9 +241,7 @@ def virtual():
 @pytest.fixture
 def running(virtual):
     """A driver in the middle of a train."""
-    driver = virtual().armed()
-    driver.controller.start(constant(0.5, 5.0, 20.0))
-    driver.advance(0.52)
+    driver = virtual().started(seconds=0.52)
     assert len(driver.device.commands) == 10
     return driver
 
@@ -256,32 +275,19 @@ def fake(instrument):
 @pytest.fixture
 def patient_device():
     """Build a serial device that waits for a machine under load: instrument, guard and test."""
-    built = []
+    with contextlib.ExitStack() as built:
 
-    def build(port, **options):
-        built.append(SerialDevice(port, timeout_s=5.0, beat_limit_s=20.0, **options))
-        return built[-1]
+        def build(port, opened=True, **options):
+            device = SerialDevice(port, timeout_s=5.0, beat_limit_s=20.0, **options)
+            built.callback(device.close)
+            if opened:
+                device.open()
+            return device
 
-    yield build
-    for each in built:
-        each.close()
+        yield build
 
 
 @pytest.fixture
 def device(fake, patient_device):
     """The serial device on it, open."""
-    real = patient_device(fake.port)
-    real.open()
-    return real
-
-
-@pytest.fixture
-def armed():
-    """Arm a device and prepare a pulse; return it."""
-
-    def arm(device, intensity=0.5):
-        device.arm()
-        device.prepare(intensity)
-        return device
-
-    return arm
+    return patient_device(fake.port)

@@ -9,10 +9,10 @@ from rpms_ros.stimulation import Schedule, Single, constant
 from rpms_ros.stimulation.devices import UNVERIFIED, Delivery, DeviceError, SimulatedFaults
 from rpms_ros.stimulation.driver.states import State
 
+BUSY = 'computer too busy: pulses stopped; '
 SHORT = constant(0.5, 0.5, 20.0)
-SECOND = 1_000_000_000
+PAUSES = Schedule((Single(duration_s=3.0), Single(duration_s=1.0)))
 MILLISECOND = 1_000_000
-VANISHED = DeviceError('expected the device, got nothing')
 
 
 class Unheard(Exception):
@@ -62,27 +62,13 @@ def assert_safe(driver, state=State.FAULT):
     controller.arm()
 
 
-def stalls(driver, seconds, looks_then):
-    """Return a call during which the whole machine stands still, the supervisor as well."""
-
-    def call(*arguments):
-        del arguments
-        driver.clock.now += round(seconds * SECOND)
-        for pause_ms in looks_then:
-            driver.clock.now += pause_ms * MILLISECOND
-            driver.controller.supervise()
-
-    return call
-
-
 @pytest.mark.parametrize('call', ['prepare', 'fire', 'keep_alive', 'rest', 'beat'])
 @pytest.mark.parametrize('error', [DeviceError('gone'), Unheard('gone'), OSError(5, 'gone')])
 def test_whatever_a_call_raises_while_running_is_a_fault(running, call, error):
     if call in ('keep_alive', 'rest'):
         running.controller.cancel()
         running.controller.arm()
-        pauses = Schedule((Single(duration_s=3.0), Single(duration_s=1.0)))
-        running.controller.start(pauses)
+        running.controller.start(PAUSES)
     before = len(running.device.commands)
 
     def begin():
@@ -113,21 +99,20 @@ def test_device_that_cannot_be_silenced_is_a_fault_and_left_to_its_watchdog(runn
     assert not {'keep_alive', 'prepare', 'rest', 'fire'} & set(running.device.calls)
 
 
-def test_callback_that_raises_is_a_fault(running):
-    running.controller.on_fired = raising(Unheard('no publisher'))
-    running.advance(0.5)
-    assert 'on_fired: expected no error, got Unheard' in running.controller.reason
-    assert running.controller.fault_counts() == {'callback': 1}
-    assert len(running.device.commands) == 11
-    assert_safe(running)
-
-
-def test_callback_that_hangs_is_noticed(running):
-    running.controller.on_fired = running.device.hang(1.0)
+@pytest.mark.parametrize(
+    ('hangs', 'name', 'reason'),
+    [
+        (False, 'callback', "on_fired: expected no error, got Unheard('no publisher')"),
+        (True, 'stuck', f'{BUSY}on_fired: expected an answer within 0.2 s, got none'),
+    ],
+)
+def test_callback_that_raises_or_hangs_is_a_fault(running, hangs, name, reason):
+    wrong = running.device.hang(1.0) if hangs else raising(Unheard('no publisher'))
+    running.controller.on_fired = wrong
     running.advance(2.0)
-    assert running.controller.reason == (
-        'computer too busy: pulses stopped; on_fired: expected an answer within 0.2 s, got none'
-    )
+    assert running.controller.reason == reason
+    assert running.controller.fault_counts() == {name: 1}
+    assert len(running.device.commands) == 11
     assert_safe(running)
 
 
@@ -137,7 +122,7 @@ def test_hang_is_noticed_within_its_limit_and_the_train_does_not_go_on(running, 
     if call in ('keep_alive', 'rest'):
         driver.controller.cancel()
         driver.controller.arm()
-        driver.controller.start(Schedule((Single(duration_s=3.0), Single(duration_s=1.0))))
+        driver.controller.start(PAUSES)
         driver.advance(0.03)
     silenced = []
     began = []
@@ -165,15 +150,22 @@ def test_hang_is_noticed_within_its_limit_and_the_train_does_not_go_on(running, 
     assert_safe(driver)
 
 
-@pytest.mark.parametrize('again_ms', [None, 20, 300])
+@pytest.mark.parametrize('looks_ms', [[0], [0, 20], [0, 300]])
 def test_a_machine_that_stood_still_is_no_device_that_hangs_but_at_the_second_look(
-    again_ms, virtual
+    looks_ms, virtual
 ):
     driver = virtual().armed()
-    looks = [0] if again_ms is None else [0, again_ms]
-    driver.device.instead['beat'] = stalls(driver, 0.4, looks)
+
+    def stalls():
+        # the supervisor as well
+        driver.clock.stall(0.4)
+        for pause_ms in looks_ms:
+            driver.clock.stall(pause_ms * 1e-3)
+            driver.controller.supervise()
+
+    driver.device.instead['beat'] = stalls
     driver.controller.step()
-    if again_ms is None:
+    if len(looks_ms) == 1:
         driver.device.instead.clear()
         driver.advance(1.0)
         assert (driver.controller.state, driver.controller.fault_counts()) == (State.ARMED, {})
@@ -184,17 +176,18 @@ def test_a_machine_that_stood_still_is_no_device_that_hangs_but_at_the_second_lo
 
 
 @pytest.mark.parametrize(
-    ('flag', 'name'),
+    ('flag', 'value', 'name'),
     [
-        ('coil_absent', 'coil'),
-        ('replace_coil', 'coil'),
-        ('error', 'error'),
-        ('not_ready', 'ready'),
-        ('disarms', 'armed'),
+        ('coil_absent', True, 'coil'),
+        ('replace_coil', True, 'coil'),
+        ('error', True, 'error'),
+        ('not_ready', True, 'ready'),
+        ('disarms', True, 'armed'),
+        ('foreign_intensity', 1.0, 'intensity'),
     ],
 )
-def test_what_the_device_says_stops_before_the_next_pulse(running, flag, name):
-    faults = SimulatedFaults(**{flag: True})
+def test_what_the_device_says_stops_before_the_next_pulse(running, flag, value, name):
+    faults = SimulatedFaults(**{flag: value})
     right_after_a_pulse(running, lambda: setattr(running.device, 'faults', faults))
     running.device.calls.clear()
     running.advance(0.5)
@@ -203,44 +196,23 @@ def test_what_the_device_says_stops_before_the_next_pulse(running, flag, name):
     assert_safe(running)
 
 
-def test_what_the_device_says_at_the_trigger_stops_too(running):
-    """The flag comes up after the last look: the answer to the trigger tells."""
-    driver = running
-    driver.advance(0.01)
-    fire = type(driver.device).fire
-
-    def late_flag(*arguments):
-        driver.device.faults = SimulatedFaults(coil_absent=True)
-        return fire(driver.device, *arguments)
-
-    driver.device.instead['fire'] = late_flag
-    driver.advance(0.5)
-    assert 'expected a device in order with a coil' in driver.controller.reason
-    # it was triggered, and nobody knows what came of it
-    last = driver.fired[-1]
-    assert last.delivery.unverified == frozenset(UNVERIFIED)
-    assert_safe(driver)
-
-
-def test_foreign_intensity_stops_before_the_next_pulse(running):
-    faults = SimulatedFaults(foreign_intensity=1.0)
-    right_after_a_pulse(running, lambda: setattr(running.device, 'faults', faults))
-    running.advance(0.5)
-    assert len(running.device.commands) == 11
-    assert running.controller.reason == 'expected intensity 0.5 from the device, got 1'
-    assert_safe(running)
-
-
-def test_pulse_without_an_answer_is_told_as_fired_and_unverified(running):
+@pytest.mark.parametrize(
+    ('coil_absent', 'said'), [(False, 'no answer'), (True, 'expected a device in order with a')]
+)
+def test_pulse_without_an_answer_is_told_as_fired_and_unverified(running, coil_absent, said):
     gives = type(running.device).fire
 
     def no_answer(*arguments):
+        # after the last look
+        running.device.faults = SimulatedFaults(coil_absent=coil_absent)
         gives(running.device, *arguments)
         raise DeviceError('no answer')
 
     running.device.instead['fire'] = no_answer
     running.advance(0.1)
-    assert len(running.device.commands) == len(running.fired) == 11
+    assert said in running.controller.reason
+    assert len(running.device.commands) == 11 - coil_absent
+    assert len(running.fired) == 11
     last = running.fired[-1]
     assert last.delivery.intensity == 0.5
     assert last.delivery.unverified == frozenset(UNVERIFIED)
@@ -250,13 +222,7 @@ def test_pulse_without_an_answer_is_told_as_fired_and_unverified(running):
 
 
 def test_doubtful_answers_are_compared_with_what_was_commanded(running):
-    fire = type(running.device).fire
-
-    def not_a_number(*arguments):
-        given = fire(running.device, *arguments)
-        return Delivery(given.time_ns, float('nan'))
-
-    running.device.instead['fire'] = not_a_number
+    running.device.instead['fire'] = lambda *_: Delivery(running.clock.now, float('nan'))
     running.advance(0.1)
     assert running.controller.fault_counts() == {'intensity': 1}
     assert_safe(running)
@@ -287,18 +253,15 @@ def test_difference_between_commanded_and_delivered_is_a_fault(faults, name, dri
         driver.controller.start(SHORT)
 
 
-def test_device_that_vanishes_while_nothing_fires_is_noticed(driver_in):
+def test_device_that_vanishes_while_nothing_fires_is_noticed_and_let_go(driver_in):
     driver = driver_in(State.DISARMED)
     driver.device.keep_alive()
-    driver.device.instead['keep_alive'] = raising(VANISHED)
+    gone = raising(DeviceError('expected the device, got nothing'))
+    driver.device.instead.update(keep_alive=gone, close=gone)
     driver.advance(1.0)
     assert driver.controller.state is State.FAULT
     assert 'expected the device, got nothing' in driver.controller.reason
-
-
-def test_device_that_cannot_be_closed_is_let_go(driver_in):
-    driver = driver_in(State.DISARMED)
-    driver.device.instead['close'] = raising(VANISHED)
+    # also one that cannot be closed
     driver.controller.cleanup()
     assert driver.controller.state is State.UNCONFIGURED
     assert driver.controller.reason == 'device closed; expected the device, got nothing'

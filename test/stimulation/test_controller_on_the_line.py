@@ -26,9 +26,7 @@ def meddled_train(instrument, armed_on_the_line, wait_for):
 
     def run_it(who, after, count, rate_hz, pulses=5):
         fake = instrument(watchdog_s=20.0, wire=True)
-        controller, threads, alive = armed_on_the_line(
-            fake, load_device_specification('rapid2-240v')
-        )
+        controller, alive = armed_on_the_line(fake, load_device_specification('rapid2-240v'))
         told, left = [], [count]
         controller.on_fired = told.append
 
@@ -42,7 +40,6 @@ def meddled_train(instrument, armed_on_the_line, wait_for):
         fake.meddle = meddle
         wait_for(lambda: alive() and bool(run.ended))
         controller.cleanup()
-        threads.close()
         given = fake.fired()
         # one that is not answered may have been given or not
         assert abs(len(given) - len(told)) <= 1
@@ -55,9 +52,8 @@ def meddled_train(instrument, armed_on_the_line, wait_for):
             overlooked |= not right
         # on a busy machine there may be no time left to read
         if not overlooked:
-            assert run.energy_j >= joule * 0.999
-            assert controller.limiter.session_energy_j >= joule * 0.999
-            assert controller.ledger.totals().energy_j >= joule * 0.999
+            session_j, dose_j = controller.limiter.session_energy_j, controller.ledger.totals()[1]
+            assert min(run.energy_j, session_j, dose_j) >= joule * 0.999
             assert 90 not in given or run.cause == 'fault'
         return run, given, told
 
@@ -90,8 +86,7 @@ def test_intensity_that_was_turned_up_since_it_was_set_gives_no_pulse(meddled_tr
 def test_intensity_that_was_turned_up_after_the_last_look_ends_the_train_at_that_pulse(
     meddled_train,
 ):
-    # before and after each pulse the intensity is read: the fifth time is before the third pulse
-    run, given, told = meddled_train(panel, b'\\@', 5, 2.0)
+    run, given, told = meddled_train(panel, b'before EH', 3, 2.0)
     assert given == [10, 10, 90]
     assert run.ended == 'expected intensity 0.1 from the device, got 0.9'
     assert told[-1].delivery.intensity == 0.9

@@ -160,19 +160,14 @@ class Others:
                 assert controller.state not in POSSIBLE
                 assert driver.due_ns() is None
             return
-        kind = random.integers(6)
-        if kind == 0:
-            driver.clock.now += int(random.integers(1, 800)) * 1_000_000
-        elif kind == 1:
-            driver.device.faults = FAULTS[random.integers(len(FAULTS))]
-        elif kind == 2:
-            driver.alive = not driver.alive
-        elif kind == 3:
-            driver.release_stop()
-        elif kind == 4:
-            attempt(lambda: controller.tighten(float(random.uniform(0.2, 1.0))), [])
-        else:
-            controller.measured('force_limit', 10.0, 100.0, 'N')
+        (
+            lambda: driver.clock.stall(random.integers(1, 800) * 1e-3),
+            lambda: setattr(driver.device, 'faults', FAULTS[random.integers(len(FAULTS))]),
+            lambda: setattr(driver, 'alive', not driver.alive),
+            driver.release_stop,
+            lambda: attempt(lambda: controller.tighten(float(random.uniform(0.2, 1.0))), []),
+            lambda: controller.measured('force_limit', 10.0, 100.0, 'N'),
+        )[random.integers(6)]()
 
 
 class Witness:

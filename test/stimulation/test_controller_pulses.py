@@ -12,7 +12,6 @@ from rpms_ros.stimulation.devices import WireTimes
 from rpms_ros.stimulation.driver.states import State
 from rpms_ros.stimulation.limits.limits import Limits
 
-TRAIN = constant(0.5, 5.0, 20.0)
 # 9600 baud, ten bits a byte: setting and its answer 8 bytes, status 6, trigger 3, its answer 3
 WIRE = WireTimes(prepare_s=8.3e-3, keep_alive_s=6.3e-3, trigger_s=3.1e-3, answer_s=3.1e-3)
 SHORT = constant(0.5, 0.5, 20.0)
@@ -53,15 +52,14 @@ def test_late_pulses_are_dropped_and_counted_never_sent_in_a_burst(driver_in):
 
 
 def test_pulse_after_a_late_one_waits_for_its_interval(virtual):
-    driver = virtual(Limits(maximum_rate_hz=20.0, interval_tolerance_s=1e-3)).armed()
-    run = driver.controller.start(SHORT)
-    driver.advance(0.06)
+    limits = Limits(maximum_rate_hz=20.0, interval_tolerance_s=1e-3)
+    driver = virtual(limits).started(SHORT, 0.06)
     driver.advance(0.05, late_ns=8 * MILLISECOND)
     driver.advance(1.0)
-    onsets = [time - run.start_ns for time, _ in driver.device.commands]
+    onsets = [time - driver.run.start_ns for time, _ in driver.device.commands]
     # 8 ms late, then at the rate limit less the tolerance until the end, none dropped
     assert onsets[:3] == [0, 58 * MILLISECOND, 107 * MILLISECOND]
-    assert run.completed
+    assert driver.run.completed
 
 
 @pytest.mark.parametrize('stall_ms', [9, 11])
@@ -87,7 +85,7 @@ def test_a_trigger_may_be_written_until_its_pulse_would_be_too_late(virtual):
         return fire(intensity, width_s, latest_ns)
 
     driver.device.instead['fire'] = noting
-    run = driver.controller.start(constant(0.5, 0.5, 20.0))
+    run = driver.controller.start(SHORT)
     driver.advance(1.0)
     assert latest == [run.onset_ns(index) + 7 * MILLISECOND for index in range(10)]
 
@@ -95,42 +93,34 @@ def test_a_trigger_may_be_written_until_its_pulse_would_be_too_late(virtual):
 def test_a_pulse_has_to_pass_with_and_without_one_that_was_never_given(virtual):
     """Asked for, not given: the step counts from the one before it as well."""
     limits = Limits(maximum_intensity_step=0.4, minimum_pause_s=0.5)
-    driver = virtual(limits).armed()
     steps = tuple(Constant(20.0, 0.05, intensity=value) for value in (0.3, 0.6, 0.9))
-    driver.controller.start(Schedule(steps))
-    driver.advance(0.06)
+    driver = virtual(limits).started(Schedule(steps), 0.06)
     driver.clock.now = driver.due_ns()
     driver.once_booked(lambda: driver.clock.stall(11e-3))
     driver.advance(0.5)
     assert [value for _, value in driver.device.commands] == [0.3]
-    assert driver.controller.run.ended.startswith('maximum_intensity_step: expected a step')
+    assert driver.run.ended.startswith('maximum_intensity_step: expected a step')
 
 
 def test_no_pulse_is_late_at_the_wire_times_of_9600_baud(virtual):
-    driver = virtual(wire=WIRE, steps=100).armed()
-    run = driver.controller.start(constant(0.3, 20.0, 50.0))
-    driver.advance(21.0)
-    assert run.completed
+    driver = virtual(wire=WIRE, steps=100).started(constant(0.3, 20.0, 50.0), 21.0)
+    assert driver.run.completed
     # the trigger is sent ahead by the time that it takes
     assert driver.controller.lateness.max_s == 0.0
 
 
 def test_after_the_end_and_after_a_cancel_the_device_is_disarmed_at_zero(virtual):
-    for cancelled in (False, True):
-        driver = virtual().armed()
-        driver.controller.start(constant(0.5, 1.0, 20.0))
-        driver.advance(0.5 if cancelled else 1.1)
-        if cancelled:
-            driver.controller.cancel()
+    for seconds, cause in ((0.5, 'cancelled'), (1.1, 'completed')):
+        driver = virtual().started(constant(0.5, 1.0, 20.0), seconds)
+        driver.controller.cancel()
         assert driver.controller.state is State.DISARMED
-        assert driver.controller.run.cause == ('cancelled' if cancelled else 'completed')
+        assert driver.run.cause == cause
         assert (driver.device.intensity, driver.device.armed) == (0.0, False)
 
 
 def test_intensity_is_zero_after_the_last_pulse_and_in_long_pauses(virtual):
-    driver = virtual().armed()
     pauses = Schedule((Single(duration_s=2.0, intensity=0.8), Single(duration_s=2.0), Pause(3.0)))
-    driver.controller.start(pauses)
+    driver = virtual().started(pauses)
     for moment in (0.03, 1.0, 0.9, 0.11, 3.0):
         driver.advance(moment)
         pulses = len(driver.device.commands)
@@ -143,9 +133,7 @@ def test_intensity_is_zero_after_the_last_pulse_and_in_long_pauses(virtual):
 @pytest.mark.parametrize(('asked', 'given'), [(0.455, 0.45), (0.555, 0.55), (0.29, 0.29)])
 def test_limiter_books_messages_and_device_speak_of_one_number(virtual, asked, given):
     limits = Limits(maximum_intensity=asked, pulse_energy_j=100.0)
-    driver = virtual(limits, steps=100).armed()
-    driver.controller.start(constant(asked, 0.2, 20.0))
-    driver.advance(0.5)
+    driver = virtual(limits, steps=100).started(constant(asked, 0.2, 20.0), 0.5)
     assert {value for _, value in driver.device.commands} == {given}
     assert {pulse.intensity for pulse in driver.fired} == {given}
     assert {pulse.delivery.intensity for pulse in driver.fired} == {given}
@@ -155,9 +143,7 @@ def test_limiter_books_messages_and_device_speak_of_one_number(virtual, asked, g
 
 
 def test_pulses_are_held_back_while_the_executor_is_silent(virtual):
-    driver = virtual().armed()
-    driver.controller.start(TRAIN)
-    driver.advance(0.51)
+    driver = virtual().started(seconds=0.51)
     driver.alive = False
     lost = driver.clock.now
     driver.advance(0.49)
@@ -189,13 +175,12 @@ def test_bound_on_the_intensity_can_be_lowered_while_running(running):
 
 
 def test_pulse_that_is_not_reserved_is_not_fired(virtual):
-    driver = virtual().armed()
-    run = driver.controller.start(TRAIN)
+    driver = virtual().started()
     # the ledger's thread has stopped writing
     driver.controller.reserve = lambda: None
     driver.advance(2.0)
     assert len(driver.device.commands) == 21
-    assert driver.controller.fault_counts()['ledger'] == run.dropped > 10
+    assert driver.controller.fault_counts()['ledger'] == driver.run.dropped > 10
 
 
 def test_armed_device_is_kept_alive(driver_in):

@@ -43,8 +43,7 @@ class FailingLedger(MemoryLedger):
 
 def test_pulses_are_reserved_ahead_and_given_back_after_the_end(virtual):
     ledger = FailingLedger()
-    driver = virtual(ledger=ledger).armed()
-    run = driver.controller.start(TRAIN)
+    driver = virtual(ledger=ledger).started()
     # a second ahead
     assert len(ledger.reserved) == 21
     for _ in range(30):
@@ -55,15 +54,13 @@ def test_pulses_are_reserved_ahead_and_given_back_after_the_end(virtual):
     given = len(driver.device.commands)
     assert ledger.totals().pulses == given
     assert [pulse.time_ns for pulse in ledger.reserved[:given]] == [
-        run.onset_ns(index) for index in range(given)
+        driver.run.onset_ns(index) for index in range(given)
     ]
 
 
 def test_a_run_that_ends_while_the_ledger_writes_is_given_back_too(virtual):
     ledger = FailingLedger()
-    driver = virtual(ledger=ledger).armed()
-    driver.controller.start(TRAIN)
-    driver.advance(0.3)
+    driver = virtual(ledger=ledger).started(seconds=0.3)
     reserve, ends = ledger.reserve, [driver.controller.cancel]
 
     def ends_meanwhile(pulses):
@@ -80,26 +77,13 @@ def test_a_run_that_ends_while_the_ledger_writes_is_given_back_too(virtual):
     assert ledger.totals().pulses == given
 
 
-def test_a_ledger_that_fails_once_is_not_asked_again_for_the_same_run(virtual):
-    ledger = FailingLedger()
-    driver = virtual(ledger=ledger).armed()
-    driver.controller.start(TRAIN)
-    driver.advance(0.2)
-    ledger.broken = True
-    ledger.settle = ledger.reserve
-    driver.advance(3.0)
-    assert driver.controller.fault_counts() == {'ledger': 1}
-
-
 def test_dose_that_somebody_else_uses_up_ends_the_run(virtual):
     ledger = MemoryLedger(DoseLimits(pulses=120, energy_j=1e6, window_h=24.0), lambda: SECOND)
-    driver = virtual(ledger=ledger).armed()
-    run = driver.controller.start(TRAIN)
-    driver.advance(0.2)
+    driver = virtual(ledger=ledger).started(seconds=0.2)
     ledger.count([BookedPulse(0, 1.0, 0.0)] * 60)
     driver.advance(5.0)
-    assert (run.cause, driver.controller.state) == ('limit', State.DISARMED)
-    assert 'dose_pulses: expected at most 120 pulses' in run.ended
+    assert (driver.run.cause, driver.controller.state) == ('limit', State.DISARMED)
+    assert 'dose_pulses: expected at most 120 pulses' in driver.run.ended
     given = len(driver.device.commands)
     assert given <= 60
     assert ledger.totals().pulses == given + 60
@@ -122,19 +106,17 @@ def test_rest_power_and_session_survive_a_restart(virtual):
     driver.controller.start(constant(0.1, 1.0, 20.0))
 
 
-def test_a_restart_knows_how_warm_the_coil_is(virtual):
+def test_a_restart_knows_how_warm_the_coil_is_and_waits_until_it_has_cooled(virtual):
+    def restarted(past):
+        return virtual(specification='rapid2-240v', ledger=FailingLedger(past=past))
+
     # a fifth of a time constant ago, 70 kJ within a second: 10 K of which 8.19 K are left
     past = [BookedPulse(-121 * SECOND + n * SECOND // 20, 1.0, 3500.0) for n in range(20)]
-    warm = virtual(specification='rapid2-240v', ledger=FailingLedger(past=past)).controller
-    assert warm.coil_temperature == pytest.approx(22.0 + 8.19, abs=0.02)
+    warm = restarted(past).controller.coil_temperature
+    assert warm == pytest.approx(22.0 + 8.19, abs=0.02)
     elsewhere = [pulse._replace(on_device=False) for pulse in past]
-    other = virtual(specification='rapid2-240v', ledger=FailingLedger(past=elsewhere)).controller
-    assert other.coil_temperature == 22.0
-
-
-def test_a_coil_that_is_too_warm_after_a_restart_is_not_used_until_it_has_cooled(virtual):
-    past = [BookedPulse(-SECOND, 1.0, 140e3)]
-    driver = virtual(specification='rapid2-240v', ledger=FailingLedger(past=past))
+    assert restarted(elsewhere).controller.coil_temperature == 22.0
+    driver = restarted([BookedPulse(-SECOND, 1.0, 140e3)])
     driver.controller.configure()
     driver.advance(60.0)
     with pytest.raises(Refused, match='temperature: expected at most 40 Celsius, got 40'):
@@ -168,7 +150,7 @@ def test_what_has_to_be_on_the_disk_is_synced_before_the_call_returns(tmp_path, 
         assert [name for name, _ in calls] == ['write', 'fsync']
 
 
-def test_ledger_that_cannot_be_written_is_a_fault(virtual):
+def test_ledger_that_cannot_be_written_is_a_fault_and_not_asked_again_for_the_same_run(virtual):
     ledger = FailingLedger()
     driver = virtual(ledger=ledger).armed()
     ledger.broken = True
@@ -180,9 +162,11 @@ def test_ledger_that_cannot_be_written_is_a_fault(virtual):
     driver.controller.start(TRAIN)
     driver.advance(0.2)
     ledger.broken = True
+    ledger.settle = ledger.reserve
     driver.advance(3.0)
     assert driver.controller.state is State.FAULT
     assert driver.controller.reason == 'expected a disk, got none'
+    assert driver.controller.fault_counts() == {'ledger': 1}
     assert not driver.device.armed
     # what was reserved before
     assert len(driver.device.commands) <= 21
@@ -191,9 +175,7 @@ def test_ledger_that_cannot_be_written_is_a_fault(virtual):
 def test_a_ledger_that_is_removed_in_a_train_is_a_fault_and_ends_it(virtual, tmp_path):
     clocks = Clocks(lambda: SECOND, lambda: SECOND)
     with closing(DoseLedger(tmp_path, 'device', 'patient', clocks=clocks)) as ledger:
-        driver = virtual(ledger=ledger).armed()
-        driver.controller.start(TRAIN)
-        driver.advance(1.0)
+        driver = virtual(ledger=ledger).started(seconds=1.0)
         for path in tmp_path.glob('*.ledger'):
             path.unlink()
         driver.advance(1.0)

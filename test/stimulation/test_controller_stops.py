@@ -23,8 +23,8 @@ NOW = 1000 * SECOND
 MILLISECOND = 1_000_000
 
 
-def test_a_stop_from_before_the_device_is_opened_is_still_the_reason(driver_in):
-    controller = driver_in(State.UNCONFIGURED).controller
+def test_a_stop_from_before_the_device_is_opened_is_still_the_reason(virtual):
+    controller = virtual().controller
     controller.stop('test', 'pressed beforehand')
     controller.configure()
     assert controller.status() == (State.DISARMED, True, 'pressed beforehand')
@@ -98,16 +98,15 @@ def test_readings_of_two_clocks_that_are_apart_are_no_sleep():
     assert [interlocks.problem(NOW) for _ in range(3)] == [None, None, None]
 
 
-@pytest.mark.parametrize('silent', ['executor', 'heartbeat'])
-def test_missing_sign_of_life_stops_before_the_next_pulse(silent, virtual):
-    driver = virtual(heartbeat_s=0.3 if silent == 'heartbeat' else None).armed()
-    driver.controller.start(constant(0.5, 5.0, 20.0))
-    driver.advance(1.0)
+@pytest.mark.parametrize(
+    ('silent', 'heartbeat_s', 'limit_ms'), [('executor', None, 500), ('heartbeat', 0.3, 300)]
+)
+def test_missing_sign_of_life_stops_before_the_next_pulse(virtual, silent, heartbeat_s, limit_ms):
+    driver = virtual(heartbeat_s=heartbeat_s).started(seconds=1.0)
     driver.alive = False
     lost_at = driver.clock.now
     driver.advance(2.0)
-    limit = 300 if silent == 'heartbeat' else 500
-    assert driver.device.commands[-1][0] <= lost_at + limit * MILLISECOND
+    assert driver.device.commands[-1][0] <= lost_at + limit_ms * MILLISECOND
     assert driver.controller.interlocks.latched
     assert silent in driver.controller.reason
     with pytest.raises(StimulationError, match=f'reset: expected {silent} to come again'):
@@ -119,8 +118,7 @@ def test_missing_sign_of_life_stops_before_the_next_pulse(silent, virtual):
 
 
 def test_pulse_is_not_fired_when_nobody_supervises(virtual):
-    driver = virtual(executor_timeout_s=5.0).armed()
-    driver.controller.start(constant(0.5, 5.0, 20.0))
+    driver = virtual(executor_timeout_s=5.0).started()
     for _ in range(200):
         driver.clock.now = max(driver.clock.now, driver.controller.step())
     busy = (
@@ -133,9 +131,8 @@ def test_pulse_is_not_fired_when_nobody_supervises(virtual):
 def test_checked_pulse_does_not_wait_for_a_keep_alive_that_hangs(virtual):
     """The heart stops while the device is busy: no pulse after the heart's time is over."""
     times = {'heartbeat_s': 0.3, 'executor_timeout_s': 5.0}
-    driver = virtual(**times, stuck_limit_s=1.0, lateness_limit_s=0.1).armed()
-    driver.controller.start(Schedule((Single(duration_s=2.0), Single(duration_s=1.0))))
-    driver.advance(0.06)
+    driver = virtual(**times, stuck_limit_s=1.0, lateness_limit_s=0.1)
+    driver.started(Schedule((Single(duration_s=2.0), Single(duration_s=1.0))), 0.06)
     assert len(driver.device.commands) == 1
     keep_alive = type(driver.device).keep_alive
 
@@ -190,27 +187,25 @@ def test_a_stop_by_the_modelled_temperature_can_be_reset_when_the_coil_has_coole
     driver.controller.arm()
 
 
-def test_a_sample_that_repeats_its_stamp_is_no_sign_of_life():
+def test_a_sample_that_repeats_its_stamp_or_is_of_another_time_is_no_sign_of_life():
     life = SensorLife('force_sensor', 0.2)
-    assert life.refusal(1, 'force_sensor', 1) is None
-    assert life.refusal(1, 'force_sensor', 2) == (
-        'expected a force sample after the last one, got its stamp moved 0 ns'
-    )
-    assert life.refusal(2, 'force_sensor', 3) is None
-    assert life.refusal(1, 'force_sensor', 4) is not None
-    # from there on it counts again: a clock that was set back locks nothing for good
-    assert life.refusal(2, 'force_sensor', 5) is None
 
+    def refusal(age_ns, frame_id='force_sensor'):
+        return life.refusal(NOW - age_ns, frame_id, NOW)
 
-def test_a_sample_of_another_time_is_no_sign_of_life():
-    life, now = SensorLife('force_sensor', 0.2), 1000 * SECOND
     refused = 'expected a force sample within 0.2 s of the time of the driver, got one of '
-    assert life.refusal(now - 86400 * SECOND, 'force_sensor', now) == f'{refused}8.64e+04 s ago'
-    assert life.refusal(now - SECOND // 4, 'force_sensor', now) == f'{refused}0.25 s ago'
+    assert refusal(86400 * SECOND) == f'{refused}8.64e+04 s ago'
+    assert refusal(SECOND // 4) == f'{refused}0.25 s ago'
     # one of tomorrow blocks none of today
-    assert life.refusal(now + 86400 * SECOND, 'force_sensor', now) == f'{refused}-8.64e+04 s ago'
-    assert life.refusal(now - SECOND // 5, 'force_sensor', now) is None
-    assert life.refusal(now, 'ankle', now) == "expected force in frame 'force_sensor', got 'ankle'"
+    assert refusal(-86400 * SECOND) == f'{refused}-8.64e+04 s ago'
+    assert refusal(SECOND // 5) is None
+    assert refusal(0, 'ankle') == "expected force in frame 'force_sensor', got 'ankle'"
+    repeated = 'expected a force sample after the last one, got its stamp moved '
+    assert refusal(SECOND // 5) == f'{repeated}0 ns'
+    assert refusal(2) is None
+    assert refusal(3) == f'{repeated}-1 ns'
+    # from there on it counts again: a clock that was set back locks nothing for good
+    assert refusal(2) is None
 
 
 def test_the_end_of_a_process_is_seen(wait_for):
@@ -234,14 +229,15 @@ def test_a_process_of_another_machine_is_not_known(host, process):
     assert not life.ended
 
 
-def test_a_key_is_held_from_its_first_repetition_on():
+def test_a_key_is_held_from_its_first_repetition_on_and_again_after_a_release():
     key = HeldKey(0.5, 0.2)
     assert not key.held(0)
-    key.came(0)
-    assert not key.held(0)
-    key.came(500 * MILLISECOND)
-    assert key.held(700 * MILLISECOND)
-    assert not key.held(700 * MILLISECOND + 1)
+    # the fourth is within the time of a first repetition, but it is none
+    for now_ms, held in ((0, False), (500, True), (690, True), (900, False), (1400, True)):
+        now = now_ms * MILLISECOND
+        key.came(now)
+        assert key.held(now) == key.held(now + 200 * MILLISECOND) == held, now_ms
+        assert not key.held(now + 200 * MILLISECOND + 1)
 
 
 def test_a_tap_is_not_a_hold_however_often():
@@ -249,18 +245,6 @@ def test_a_tap_is_not_a_hold_however_often():
     for tap in range(5):
         key.came(501 * MILLISECOND * tap)
         assert not key.held(501 * MILLISECOND * tap)
-
-
-def test_after_a_release_the_key_has_to_repeat_again():
-    key = HeldKey(0.5, 0.2)
-    for now in (0, 400, 430, 460):
-        key.came(now * MILLISECOND)
-    assert key.held(660 * MILLISECOND)
-    # within the time of a first repetition, but it is none
-    key.came(700 * MILLISECOND)
-    assert not key.held(700 * MILLISECOND)
-    key.came(1100 * MILLISECOND)
-    assert key.held(1100 * MILLISECOND)
 
 
 def test_a_joystick_button_counts_while_the_joystick_speaks():

@@ -61,6 +61,9 @@ def test_devices_of_the_package_are_registered_like_any_other():
 
 
 def test_device_from_outside_of_the_package(distribution):
+    from rpms_ros.errors import NodeError
+    from rpms_ros.nodes.driver.parameters import DriverParameters, build_device
+
     with pytest.raises(StimulationError, match=r'device: expected one of serial, simulated'):
         registry.require_device('acme')
     distribution('acme = acme_stimulator:AcmeDevice')
@@ -72,13 +75,6 @@ def test_device_from_outside_of_the_package(distribution):
     device.open()
     assert device.arm().armed
     assert device.quantized(0.4567) == 0.455
-
-
-def test_driver_takes_a_device_from_outside_by_its_name(distribution):
-    from rpms_ros.errors import NodeError
-    from rpms_ros.nodes.driver.parameters import DriverParameters, build_device
-
-    distribution('acme = acme_stimulator:AcmeDevice')
     # whatever is not `simulated` is held to what a real device needs
     with pytest.raises(NodeError, match='with a real device, got'):
         DriverParameters(device='acme', autostart=True)
@@ -88,31 +84,20 @@ def test_driver_takes_a_device_from_outside_by_its_name(distribution):
     assert type(build_device(settings, specification)).__name__ == 'AcmeDevice'
 
 
-def test_name_that_two_distributions_claim(distribution):
-    distribution('simulated = acme_stimulator:AcmeDevice')
-    with pytest.raises(
-        StimulationError,
-        match=r"device: expected one of the name 'simulated', got acme.* and rpms",
-    ):
-        registry.build_device('simulated', DeviceOptions())
-
-
 @pytest.mark.parametrize(
-    ('target', 'match'),
+    ('name', 'target', 'match'),
     [
-        ('acme_stimulator:Nothing', r"expected the device 'acme' at .*, got AttributeError"),
-        ('acme_nowhere:AcmeDevice', r"expected the device 'acme' at .*, got ModuleNotFoundError"),
-        ('acme_stimulator:not_callable', r"expected the device 'acme' at .*, got TypeError"),
-        (
-            'acme_stimulator:half',
-            r'expected a device at .*, got Half without arm, arm_s, beat, .*, trigger_s',
-        ),
+        ('acme', 'stimulator:Nothing', "expected the device 'acme' at .*, got AttributeError"),
+        ('acme', 'nowhere:Acme', "expected the device 'acme' at .*, got ModuleNotFoundError"),
+        ('acme', 'stimulator:not_callable', "expected the device 'acme' at .*, got TypeError"),
+        ('acme', 'stimulator:half', 'expected a device at .*, got Half without arm, .* trigger_s'),
+        ('simulated', 'stimulator:AcmeDevice', "one of the name 'simulated', got acme.* and rpms"),
     ],
 )
-def test_device_that_cannot_be_had(distribution, target, match):
-    distribution(f'acme = {target}')
+def test_device_that_cannot_be_had(distribution, name, target, match):
+    distribution(f'{name} = acme_{target}')
     with pytest.raises(StimulationError, match=match):
-        registry.build_device('acme', DeviceOptions())
+        registry.build_device(name, DeviceOptions())
 
 
 @given(st.floats(0.0, 1.0), st.sampled_from([1, 3, 7, 100, 255]))
@@ -125,11 +110,9 @@ def test_a_quantized_intensity_is_the_largest_step_not_above(intensity, steps):
 
 
 def test_every_percent_stays_what_it_is():
-    assert [quantized_down(percent / 100, 100) for percent in range(101)] == [
-        percent / 100 for percent in range(101)
-    ]
-    assert quantized_down(0.455, 100) == 0.45
-    assert quantized_down(0.555, 100) == 0.55
+    percents = [percent / 100 for percent in range(101)]
+    assert [quantized_down(percent, 100) for percent in percents] == percents
+    assert [quantized_down(percent + 0.005, 100) for percent in percents[:-1]] == percents[:-1]
 
 
 def test_trigger_after_its_latest_time_is_not_given():
@@ -143,13 +126,10 @@ def test_trigger_after_its_latest_time_is_not_given():
     assert len(device.fired) == 1
 
 
-def test_published_frames_have_their_published_check_bytes():
+def test_published_frames_have_their_check_bytes_and_answers_status_and_data():
     assert framed(b'@050') == b'@050\x2a'
     assert framed(b'X@') == b'X@\x67'
     assert framed(b'Q@') == b'Q@n'
-
-
-def test_answer_has_status_and_data():
     answer = rapid2.parsed(b'EH', framed(b'E' + bytes([HELD | rapid2.READY])), 3)
     assert answer == (HELD | rapid2.READY, b'')
     assert rapid2.parsed(b'F@', framed(b'F' + bytes([HELD]) + b'253251'), 9).data == b'253251'
@@ -201,15 +181,12 @@ def test_every_percent_is_a_command_and_nothing_else_is():
         rapid2.power(101)
 
 
-@pytest.mark.parametrize('answer', [b'', b'N', framed(b'Nabc\0'), framed(b'N\0'), b'N7.1\0\0'])
-def test_what_is_no_version(answer):
-    with pytest.raises(ValueError, match='expected a version'):
-        rapid2.version_of(answer)
-
-
 def test_numbers_in_the_data():
     assert rapid2.set_percent(b'\x38040001000100100001') == 40
     assert rapid2.celsius(b'253401') == 40.1
+    for answer in (b'', b'N', framed(b'Nabc\0'), framed(b'N\0'), b'N7.1\0\0'):
+        with pytest.raises(ValueError, match='expected a version'):
+            rapid2.version_of(answer)
     with pytest.raises(ValueError, match='expected an intensity in percent, got'):
         rapid2.set_percent(b'\x38 40')
     with pytest.raises(ValueError, match='expected two temperatures in tenths of a degree, got'):

@@ -89,6 +89,10 @@ class Driver:
         os.close(self.line)
 
 
+def exchange(payload):
+    return packets.packed(Packet(packets.EXCHANGE, 1, packets.FOREVER_NS, payload))
+
+
 @pytest.fixture
 def fake(instrument):
     # charged at once; its watchdog does not come before the guard
@@ -124,10 +128,9 @@ def attacked_at_random(fake, chance):
     driver = Driver(fake.port, beat_limit_s=20.0, answer_limit_s=5.0, maximum_percent=40)
     assert driver.listen().exchange(b'Q@').kind == packets.ANSWER
     # begin anew whenever it was refused: most of what follows then passes
-    anew = [Packet(packets.LISTEN)]
-    for body in (b'@020', b'EB', b'EH'):
-        payload = b'\x03' + rapid2.framed(body)
-        anew.append(Packet(packets.EXCHANGE, 1, packets.FOREVER_NS, payload))
+    bodies = (b'@020', b'EB', b'EH')
+    anew = [packets.packed(Packet(packets.LISTEN))]
+    anew += [exchange(b'\x03' + rapid2.framed(body)) for body in bodies]
     coming = []
     for turn in range(2000):
         # on a busy machine an answer may come too late for a trigger to follow
@@ -137,7 +140,7 @@ def attacked_at_random(fake, chance):
             driver.socket.settimeout(0.5 if coming else 0.01)
             driver.socket.send(coming.pop(0) if coming else random_packet(chance))
             if driver.received().kind in (packets.REFUSED, packets.DISARMED):
-                coming = [packets.packed(packet) for packet in anew]
+                coming = [*anew]
         except TimeoutError:
             continue
         except (OSError, ValueError):
@@ -271,15 +274,13 @@ def gone(pid):
 def assert_silent(fake, wait_for, why):
     wait_for(lambda: not fake.armed)
     assert fake.disarmed[-1][1] == why
-    fired = len(fake.triggers)
-    heard = len(fake.commands)
-    # the guard asks until the instrument has said that it is disarmed
-    wait_for(lambda: len(fake.commands) >= heard)
-    assert len(fake.triggers) == fired
+    assert fake.triggers[-1][0] <= fake.disarmed[-1][0]
     assert fake.percent == 0 or why == 'watchdog'
 
 
-def test_exchange_is_relayed_with_the_moment_of_its_writing(driver):
+def test_exchange_is_relayed_once_the_driver_listens_with_the_moment_of_its_writing(fake, driver):
+    assert driver.exchange(b'Q@').kind == packets.REFUSED
+    assert fake.frames == []
     before = time.monotonic_ns()
     answer = driver.listen().exchange(b'Q@', sequence=9)
     assert (answer.kind, answer.sequence) == (packets.ANSWER, 9)
@@ -307,38 +308,26 @@ def test_a_mistake_in_the_guard_disarms(fake, wait_for, monkeypatch):
     theirs.close()
 
 
-def test_nothing_is_relayed_before_the_driver_listens(fake, driver):
-    assert driver.exchange(b'Q@').kind == packets.REFUSED
-    assert fake.frames == []
-
-
-@pytest.mark.parametrize(
-    'payload',
-    [
-        b'',
-        b'\x03',
-        b'\x03EH\x00',
-        b'\x03' + rapid2.framed(b'b@'),
-        b'\x03' + rapid2.framed(b'[010'),
-        b'\x03' + rapid2.framed(b'@101'),
-        b'\x21' + rapid2.framed(b'EH'),
-        b'\x03' + rapid2.framed(b'EH') * 2,
-    ],
+UNKNOWN_FRAMES = (
+    b'',
+    b'\x03',
+    b'\x03EH\x00',
+    b'\x03' + rapid2.framed(b'b@'),
+    b'\x03' + rapid2.framed(b'[010'),
+    b'\x03' + rapid2.framed(b'@101'),
+    b'\x21' + rapid2.framed(b'EH'),
+    b'\x03' + rapid2.framed(b'EH') * 2,
 )
-def test_frame_that_is_not_known_ends_it_disarmed(fake, driver, payload, wait_for):
-    driver.armed().send(packets.EXCHANGE, 1, payload=payload)
-    assert 'expected a known command' in driver.ended()
-    assert not fake.armed
-    assert fake.percent == 0
-    assert fake.fired() == []
+NO_PACKETS = (b'E', b'\xff' * 13, bytes(300), b'Z' + bytes(12))
+
+
+@pytest.mark.parametrize('sent', [*map(exchange, UNKNOWN_FRAMES), *NO_PACKETS])
+def test_frame_that_is_not_known_or_no_packet_ends_it_disarmed(fake, driver, sent, wait_for):
+    driver.armed().socket.send(sent)
+    expected = 'a packet of' if sent in NO_PACKETS else 'a known command'
+    assert f'expected {expected}' in driver.ended()
+    assert (fake.armed, fake.percent, fake.fired()) == (False, 0, [])
     wait_for(lambda: fake.frames[-1] == b'R@')
-
-
-@pytest.mark.parametrize('raw', [b'E', b'\xff' * 13, bytes(300), b'Z' + bytes(12)])
-def test_packet_that_is_none_ends_it_disarmed(fake, driver, raw):
-    driver.armed().socket.send(raw)
-    assert 'expected a packet of' in driver.ended()
-    assert not fake.armed
 
 
 def test_more_than_one_exchange_at_a_time_ends_it_disarmed(fake, driver):
@@ -350,15 +339,24 @@ def test_more_than_one_exchange_at_a_time_ends_it_disarmed(fake, driver):
     fake.hang = False
 
 
-def test_trigger_needs_an_intensity_that_the_instrument_has_taken(fake, driver):
+def test_trigger_needs_an_intensity_that_the_instrument_has_taken_since_a_silence(fake, driver):
+    def refused():
+        disarmed = driver.exchange(b'EH')
+        assert disarmed.kind == packets.DISARMED
+        assert disarmed.payload == b'expected an intensity before a trigger, got none'
+        assert driver.received().kind == packets.REFUSED
+        assert fake.fired() == []
+
     driver.armed()
     fake.refuse = {b'@': b'S'}
     driver.exchange(b'@040')
     fake.refuse = {}
-    driver.send(packets.EXCHANGE, 2, payload=b'\x03' + rapid2.framed(b'EH'))
-    kinds = {driver.received().kind, driver.received().kind}
-    assert kinds == {packets.DISARMED, packets.REFUSED}
-    assert fake.fired() == []
+    refused()
+    driver.armed().send(packets.SILENCE)
+    driver.listen()
+    for command in (b'Q@', b'EB'):
+        assert driver.exchange(command).kind == packets.ANSWER
+    refused()
 
 
 def test_intensity_above_the_bound(fake):
@@ -422,38 +420,19 @@ def test_keep_alive_that_shows_an_error_disarms(fake):
     assert not fake.armed
 
 
-def test_instrument_that_does_not_disarm_is_left_to_its_own_watchdog(instrument, wait_for):
+def test_disarming_is_tried_again_before_an_instrument_is_left_to_its_own_watchdog(
+    instrument, wait_for
+):
     # every frame is a sign of life to it: the guard has to fall silent
-    fake = instrument(watchdog_s=0.5, charge_s=0.0)
+    fake = instrument(watchdog_s=2.0, charge_s=0.0)
     driver = Driver(fake.port, beat_limit_s=20.0).armed()
     fake.obey_disarm = False
     driver.send(packets.SILENCE)
     wait_for(lambda: not fake.armed)
     assert fake.disarmed[-1][1] == 'watchdog'
-    driver.close()
-
-
-def test_disarming_is_tried_again_while_the_instrument_says_that_it_is_armed(
-    fake, driver, wait_for
-):
-    driver.armed()
-    fake.obey_disarm = False
-    driver.send(packets.SILENCE)
     # two in each of five attempts
-    wait_for(lambda: fake.frames.count(b'EA') == 10)
-    fake.obey_disarm = True
-
-
-def test_after_a_silence_a_trigger_needs_an_intensity_again(fake, driver):
-    driver.armed().send(packets.SILENCE)
-    driver.listen()
-    for command in (b'Q@', b'EB'):
-        assert driver.exchange(command).kind == packets.ANSWER
-    disarmed = driver.exchange(b'EH')
-    assert disarmed.kind == packets.DISARMED
-    assert disarmed.payload == b'expected an intensity before a trigger, got none'
-    assert driver.received().kind == packets.REFUSED
-    assert fake.fired() == []
+    assert fake.frames.count(b'EA') == 10
+    driver.close()
 
 
 def test_line_that_never_becomes_quiet(fake, driver):
@@ -541,14 +520,11 @@ def test_a_guard_whose_driver_writes_relays_no_trigger_and_disarms(port):
         assert rapid2.framed(rapid2.TRIGGER) not in port.heard
 
 
-def test_a_command_does_not_wait(port):
+def test_a_command_does_not_wait_and_a_line_that_takes_nothing_is_given_up(port):
     line = Line(port.line)
     with pytest.raises(LineBusy, match='expected a line to write to, got'):
         line.ask(rapid2.TRIGGER, rapid2.STATUS_LENGTH)
     assert line.outstanding is None
-
-
-def test_a_line_that_takes_nothing_is_given_up(port):
     began = time.monotonic()
     with pytest.raises(LineError, match='expected a line to write to, got'):
         write_silence(port.line, rapid2.SILENCE)
@@ -585,24 +561,30 @@ def test_what_a_line_takes_in_part_is_tried_again(monkeypatch):
     assert not list(parts)
 
 
-def test_driver_is_killed(train, wait_for):
+@pytest.mark.parametrize('number', ['SIGKILL', 'SIGTERM', 'SIGSEGV'])
+def test_driver_is_killed(train, wait_for, number):
     fake, run = train()
-    run.process.kill()
+    # a signal to the group of the driver leaves the guard
+    assert os.getsid(run.guard) == run.guard
+    run.process.send_signal(signal.Signals[number])
     assert_silent(fake, wait_for, 'was told to')
     wait_for(lambda: gone(run.guard))
     wait_for(lambda: fake.frames[-1] == b'R@')
 
 
-def test_driver_is_stopped_and_goes_on(train, wait_for):
+@pytest.mark.parametrize('who', ['driver', 'guard'])
+def test_driver_or_guard_is_stopped_and_goes_on(train, wait_for, who):
     fake, run = train(beat_limit_s=3.0, answer_limit_s=3.0)
-    run.process.send_signal(signal.SIGSTOP)
+    stopped = run.process.pid if who == 'driver' else run.guard
+    os.kill(stopped, signal.SIGSTOP)
     assert_silent(fake, wait_for, 'was told to')
     fired = len(fake.triggers)
-    run.process.send_signal(signal.SIGCONT)
+    os.kill(stopped, signal.SIGCONT)
     said = run.process.stdout.readline()
     assert 'fault' in said
-    assert 'sign of life of the driver' in said
+    assert who == 'guard' or 'sign of life of the driver' in said
     assert run.process.wait(60) == 0
+    wait_for(lambda: gone(run.guard))
     assert len(fake.triggers) == fired
 
 
@@ -613,18 +595,6 @@ def test_guard_is_killed(train, wait_for):
     assert_silent(fake, wait_for, 'was told to')
     assert 'fault' in run.process.stdout.readline()
     assert run.process.wait(60) == 0
-
-
-def test_guard_is_stopped_and_goes_on(train, wait_for):
-    fake, run = train(beat_limit_s=3.0, answer_limit_s=3.0)
-    os.kill(run.guard, signal.SIGSTOP)
-    assert_silent(fake, wait_for, 'was told to')
-    fired = len(fake.triggers)
-    os.kill(run.guard, signal.SIGCONT)
-    assert 'fault' in run.process.stdout.readline()
-    assert run.process.wait(60) == 0
-    wait_for(lambda: gone(run.guard))
-    assert len(fake.triggers) == fired
 
 
 def test_both_are_killed(train, wait_for):
@@ -645,12 +615,3 @@ def test_instrument_hangs(train, wait_for):
     # what it had in its ears it may still do
     assert len(fake.triggers) <= fired + 1
     assert run.process.wait(60) == 0
-
-
-@pytest.mark.parametrize('number', ['SIGTERM', 'SIGSEGV'])
-def test_a_signal_to_the_group_of_the_driver_leaves_the_guard(train, wait_for, number):
-    fake, run = train()
-    run.process.send_signal(signal.Signals[number])
-    assert_silent(fake, wait_for, 'was told to')
-    wait_for(lambda: gone(run.guard))
-    assert os.getsid(0) != run.guard

@@ -5,18 +5,16 @@
 import dataclasses
 import math
 
+import numpy as np
 import pytest
 
 from rpms_ros.errors import StimulationError
-from rpms_ros.stimulation.limits.device_specification import load_device_specification
+from rpms_ros.stimulation import Pause, Schedule, Single, constant, paper_random, paper_sinusoid
+from rpms_ros.stimulation.limits.forecast import forecast
 from rpms_ros.stimulation.limits.limits import BookedPulse, Limits, PulseLimiter
 
-RAPID = dataclasses.replace(
-    load_device_specification('rapid2-240v').limits,
-    maximum_intensity_step=1.0,
-    maximum_intensity_rise=1.0,
-)
 WIDTH = 100e-6
+IN_STEP = 'expected as many rate_limits_hz, descending, as rate_intensities, ascending'
 SECOND = 1_000_000_000
 
 
@@ -34,23 +32,18 @@ def regular(count, rate, start=0.0):
     return [start + index / rate for index in range(count)]
 
 
-@pytest.mark.parametrize('intensity', [-0.1, 1.1, math.nan, math.inf, -math.inf])
-def test_intensity(intensity):
-    refusal = PulseLimiter(Limits(maximum_intensity=1.0)).refusal(0, intensity, WIDTH)
-    assert refusal.limit == 'maximum_intensity'
-    assert refusal.reason.startswith('expected an intensity in [0, 1], got')
+def test_intensity_and_width():
+    limiter = PulseLimiter(Limits())
+    for intensity in (-0.1, 1.1, math.nan, math.inf, -math.inf):
+        refusal = limiter.refusal(0, intensity, WIDTH)
+        assert refusal.limit == 'maximum_intensity'
+        assert refusal.reason.startswith('expected an intensity in [0, 1], got')
+    for width, bound in ((1e-6, 'minimum'), (5e-3, 'maximum'), (math.nan, 'maximum')):
+        assert limiter.refusal(0, 0.5, width).limit == f'{bound}_width_s'
 
 
-@pytest.mark.parametrize(
-    ('width', 'limit'),
-    [(1e-6, 'minimum_width_s'), (5e-3, 'maximum_width_s'), (math.nan, 'maximum_width_s')],
-)
-def test_width(width, limit):
-    assert PulseLimiter(Limits()).refusal(0, 0.5, width).limit == limit
-
-
-def test_stronger_pulse_of_an_interval_decides():
-    limiter = PulseLimiter(dataclasses.replace(RAPID, interval_tolerance_s=0.0))
+def test_stronger_pulse_of_an_interval_decides(rapid):
+    limiter = PulseLimiter(dataclasses.replace(rapid.limits, interval_tolerance_s=0.0))
     limiter.book(0, 1.0)
     assert limiter.refusal(SECOND // 50, 0.1, WIDTH).limit == 'rate_limits_hz'
     assert limiter.refusal(SECOND // 15 + 1, 0.1, WIDTH) is None
@@ -84,31 +77,29 @@ def test_step_of_intensity_from_zero_and_from_pulse_to_pulse():
 
 
 def test_pulses_of_a_train():
-    limits = Limits(maximum_train_pulses=10)
-    limiter = PulseLimiter(limits)
+    limiter = PulseLimiter(Limits(maximum_train_pulses=10))
     assert give(limiter, regular(10, 20.0), 0.5) is None
     assert limiter.refusal(round(0.5 * SECOND), 0.5, WIDTH).limit == 'maximum_train_pulses'
     assert give(limiter, regular(10, 20.0, start=0.96), 0.5) is None
 
 
 @pytest.mark.parametrize(('pulses', 'rate', 'intensity'), [(100, 20.0, 0.7), (200, 15.0, 1.0)])
-def test_wait_after_a_train(pulses, rate, intensity):
-    limiter = PulseLimiter(RAPID)
+def test_wait_after_a_train(rapid, pulses, rate, intensity):
+    limiter = PulseLimiter(rapid.limits)
     assert give(limiter, regular(pulses, rate), intensity) is None
     joule = 252.0 * intensity**2
     wait = max(0.5, pulses * (rate * joule - 1050.0) / (1050.0 * rate))
     assert limiter.wait_s == pytest.approx(wait, rel=1e-9)
-    end = (pulses - 1) / rate
-    early = round((end + wait - 0.01) * SECOND)
-    assert limiter.refusal(early, 0.1, WIDTH).limit == 'wait'
-    assert limiter.refusal(round((end + wait + 0.001) * SECOND), 0.1, WIDTH) is None
+    over = (pulses - 1) / rate + wait
+    assert limiter.refusal(round((over - 0.01) * SECOND), 0.1, WIDTH).limit == 'wait'
+    assert limiter.refusal(round((over + 0.001) * SECOND), 0.1, WIDTH) is None
 
 
 @pytest.mark.parametrize(('rate', 'intensity'), [(20.0, 0.7), (15.0, 1.0)])
-def test_on_time_in_a_minute(rate, intensity):
+def test_on_time_in_a_minute(rapid, rate, intensity):
     joule = 252.0 * intensity**2
     on_time = 63_000.0 / (rate * joule)
-    limiter = PulseLimiter(RAPID)
+    limiter = PulseLimiter(rapid.limits)
     given = 0
     while limiter.refusal(round(given / rate * SECOND), intensity, WIDTH) is None:
         limiter.book(round(given / rate * SECOND), intensity)
@@ -123,9 +114,7 @@ def test_session_outlives_everything():
     limiter = PulseLimiter(Limits(session_pulses=3))
     assert give(limiter, [0.0, 1.0, 2.0], 0.5) is None
     assert limiter.refusal(100 * SECOND, 0.5, WIDTH).limit == 'session_pulses'
-    limiter = PulseLimiter(
-        Limits(pulse_energy_j=100.0, session_energy_j=250.0, minimum_pause_s=0.1)
-    )
+    limiter = PulseLimiter(Limits(pulse_energy_j=100.0, session_energy_j=250.0))
     assert give(limiter, [0.0, 1.0], 1.0) is None
     assert limiter.refusal(100 * SECOND, 1.0, WIDTH).limit == 'session_energy_j'
 
@@ -152,16 +141,10 @@ def test_history_counts_as_if_this_process_had_fired_it():
 @pytest.mark.parametrize(
     ('changes', 'fault'),
     [
-        ({'rate_intensities': (0.5, 1.0)}, 'expected as many rate_limits_hz, descending'),
-        (
-            {'rate_intensities': (0.5, 1.0), 'rate_limits_hz': (20.0, 30.0)},
-            'expected as many rate_limits_hz, descending',
-        ),
-        (
-            # which of the two?
-            {'rate_intensities': (0.5, 0.5, 1.0), 'rate_limits_hz': (50.0, 20.0, 10.0)},
-            'expected as many rate_limits_hz, descending, as rate_intensities, ascending',
-        ),
+        ({'rate_intensities': (0.5, 1.0)}, IN_STEP),
+        ({'rate_intensities': (0.5, 1.0), 'rate_limits_hz': (20.0, 30.0)}, IN_STEP),
+        # which of the two?
+        ({'rate_intensities': (0.5, 0.5, 1.0), 'rate_limits_hz': (50.0, 20.0, 10.0)}, IN_STEP),
         ({'rate_intensities': (0.5,)}, 'expected a rate limit up to the maximum intensity 1'),
         (
             {'minimum_width_s': 1e-3, 'maximum_width_s': 1e-4},
@@ -197,3 +180,59 @@ def test_no_intensity_of_an_earlier_process_is_known():
     refusal = limiter.refusal(SECOND, 0.2, WIDTH)
     assert refusal.limit == 'maximum_intensity_rise'
     assert 'at most 0.1 more than 0, the strongest of the 60 s before' in refusal.reason
+
+
+def test_the_paper_exceeds_the_device(rapid):
+    random, sinusoid = forecast(paper_random(), rapid), forecast(paper_sinusoid(), rapid)
+    assert not random.deliverable
+    assert not sinusoid.deliverable
+    # E[u^2] is 1/3 and 3/8: 1680 and 1890 W; the draw of one seed is within 1 % of it
+    assert random.mean_power_w == pytest.approx(1680.0, rel=0.01)
+    assert sinusoid.mean_power_w == pytest.approx(1890.0, rel=1e-9)
+    assert random.max_rate_hz == 20.0
+    assert {found.limit for found in random.violations} >= {'rate_limits_hz', 'continuous_power_w'}
+    # energy over power, less the 90 s that the train lasted
+    assert sinusoid.waits_s == pytest.approx((170_100 / 1050 - 90,), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ('schedule', 'limit'),
+    [
+        (constant(0.3, 1.0, 51.0), 'maximum_rate_hz'),
+        (constant(0.5, 1.0, 31.0), 'rate_limits_hz'),
+        (constant(0.7, 27.0, 20.0), 'continuous_power_w'),
+        (constant(0.1, 101.0, 20.0), 'maximum_train_pulses'),
+        (Schedule((Pause(61.0), Single())), 'idle_disarm_s'),
+        (Schedule((*constant(0.7, 20.0, 20.0).segments, Pause(5.0), Single())), 'wait'),
+        (Schedule((Single(),), width_s=1e-3), 'maximum_width_s'),
+        (constant(0.45, 90.0, 20.0), 'deliverable'),
+    ],
+)
+def test_each_limit_is_named(rapid, schedule, limit):
+    expected = set() if limit == 'deliverable' else {limit}
+    assert {found.limit for found in forecast(schedule, rapid).violations} == expected
+
+
+def test_silence_counts_up_to_the_end(rapid):
+    specification = dataclasses.replace(rapid, limits=Limits(idle_disarm_s=5.0))
+    assert forecast(Schedule((Pause(4.0), Single(duration_s=1.0))), specification).deliverable
+    trailing = forecast(Schedule((Single(duration_s=1.0), Pause(5.0))), specification)
+    assert [(found.time_s, found.pulses) for found in trailing.violations] == [(6.0, 0)]
+    assert not forecast(Schedule((Pause(5.1),)), specification).deliverable
+
+
+def test_every_rate_at_its_limit_can_go_on_for_ever(rapid):
+    """Whatever the rate: 66,666,667 ns and 66,666,666 ns are both a period at 15 Hz."""
+    random = np.random.default_rng(1)
+    for rate in [15.0, 30.0, 60.0, *random.uniform(0.5, 100.0, 97).tolist()]:
+        limits = Limits(maximum_rate_hz=rate, minimum_pause_s=3.0)
+        specification = dataclasses.replace(rapid, limits=limits)
+        assert forecast(constant(0.5, 500.0 / rate, rate), specification).deliverable, rate
+
+
+def test_a_rate_above_its_limit_is_refused_at_the_second_pulse(rapid):
+    specification = dataclasses.replace(rapid, limits=Limits(maximum_rate_hz=15.0))
+    # a period shorter by two nanoseconds
+    (found,) = forecast(constant(0.5, 1.0, 1e9 / 66_666_664), specification).violations
+    assert (found.limit, found.pulses) == ('maximum_rate_hz', 14)
+    assert found.time_s == pytest.approx(1 / 15, abs=1e-6)

@@ -35,10 +35,23 @@ def kept_from_others(port):
         return error.errno == errno.EBUSY
 
 
+def armed(device, intensity=0.5):
+    """Arm a device and prepare a pulse; return it."""
+    device.arm()
+    device.prepare(intensity)
+    return device
+
+
 def test_opening_takes_control_at_intensity_zero_disarmed(fake, device):
     assert device.real
     assert fake.frames == [b'Q@', b'EA', b'EA', b'ND', b'@000', b'\\@']
     assert (fake.remote, fake.armed, fake.percent) == (True, False, 0)
+    with pytest.raises(DeviceError, match='expected an armed device with an intensity, got none'):
+        device.fire(0.2, MAGNETIC_PULSE_WIDTH)
+    assert b'EH' not in fake.frames
+    # a child of the driver inherits nothing that keeps the instrument armed
+    held = (device._line._line, device._line._socket)
+    assert not any(os.get_inheritable(descriptor.number) for descriptor in held)
 
 
 def test_pulse_has_the_intensity_that_was_asked_for_and_read_back(fake, device):
@@ -58,49 +71,34 @@ def test_pulse_has_the_intensity_that_was_asked_for_and_read_back(fake, device):
     assert given.unverified == {'delivery', 'intensity'}
     assert device.read_back().intensity == 0.5
     assert fake.fired() == [50]
+    device.rest()
+    assert (fake.percent, fake.armed) == (0, True)
 
 
 @pytest.mark.parametrize(('version', 'read_back'), [('5.0.0', 21), ('7.1', 22), ('11.0.0', 24)])
 def test_intensity_is_read_back_from_every_published_version(
-    instrument, version, read_back, armed, patient_device
+    fake, version, read_back, patient_device
 ):
-    fake = instrument(version=version, watchdog_s=20.0)
+    fake.version = version
     device = patient_device(fake.port)
-    device.open()
     # a byte takes 1.04 ms, the command has three
     assert device.read_back_s == pytest.approx((3 + read_back) / 960 + 0.003)
     assert armed(device, 0.37).read_back().intensity == 0.37
 
 
 def test_instrument_that_does_not_tell_its_version_leaves_the_intensity_unverified(
-    instrument, patient_device
+    fake, patient_device
 ):
-    fake = instrument(watchdog_s=20.0)
     fake.refuse = {b'ND': b'S'}
     device = patient_device(fake.port)
-    device.open()
     assert device.read_back_s == float('inf')
-    device.arm()
-    device.prepare(0.4)
-    assert device.read_back().intensity is None
+    assert armed(device, 0.4).read_back().intensity is None
     assert device.fire(0.4, MAGNETIC_PULSE_WIDTH).unverified == {'delivery', 'intensity'}
     assert b'\\@' not in fake.frames
 
 
-def test_temperature_that_does_not_fit_before_the_pulse_is_left_out(fake, patient_device):
-    # a clock that stands still: only the time that the line needs counts
-    device = patient_device(fake.port, clock=lambda: 10**9)
-    device.open()
-    device.arm()
-    assert device.prepare(0.5, spare_s=0.01).temperature is None
-    assert fake.frames[-1] == b'@050'
-    fake.temperatures = '311', '320'
-    assert device.prepare(0.5, spare_s=0.025).temperature == 32.0
-    assert fake.frames[-2:] == [b'@050', b'F@']
-
-
 def test_foreign_command_between_two_pulses_gives_no_pulse_of_its_intensity(
-    fake, device, wait_for, armed
+    fake, device, wait_for
 ):
     armed(device, 0.2).fire(0.2, MAGNETIC_PULSE_WIDTH)
     # not even an answer shows it
@@ -128,26 +126,19 @@ def test_intensity_that_the_instrument_does_not_take(fake, device, wait_for):
     assert fake.fired() == []
 
 
-def test_trigger_without_an_armed_device(fake, device):
-    with pytest.raises(DeviceError, match='expected an armed device with an intensity, got none'):
-        device.fire(0.2, MAGNETIC_PULSE_WIDTH)
-    assert b'EH' not in fake.frames
-
-
 @pytest.mark.parametrize(
-    ('change', 'said'),
+    ('flag', 'value', 'said'),
     [
-        ({'coil': False}, 'no coil'),
-        ({'replace': True}, 'a coil to be replaced'),
-        ({'error': True}, 'an error'),
+        ('coil', False, 'no coil'),
+        ('replace', True, 'a coil to be replaced'),
+        ('error', True, 'an error'),
     ],
 )
 def test_what_the_instrument_says_is_looked_at_in_every_answer(
-    fake, device, wait_for, change, said, armed
+    fake, device, wait_for, flag, value, said
 ):
     armed(device)
-    for name, value in change.items():
-        setattr(fake, name, value)
+    setattr(fake, flag, value)
     with pytest.raises(DeviceError, match=f'expected a device in order with a coil, got {said}'):
         device.fire(0.5, MAGNETIC_PULSE_WIDTH)
     wait_for(lambda: not fake.armed)
@@ -160,7 +151,7 @@ def test_what_the_instrument_says_is_looked_at_in_every_answer(
     assert not fake.armed
 
 
-def test_coil_of_a_disarmed_device_may_be_changed(fake, device, armed):
+def test_coil_of_a_disarmed_device_may_be_changed(fake, device):
     fake.coil, fake.replace = False, True
     status = device.keep_alive()
     assert (status.armed, status.coil_present, status.replace_coil) == (False, False, True)
@@ -171,7 +162,7 @@ def test_coil_of_a_disarmed_device_may_be_changed(fake, device, armed):
         device.keep_alive()
 
 
-def test_a_trigger_that_found_the_device_charging_is_no_delivery(device, armed, monkeypatch):
+def test_a_trigger_that_found_the_device_charging_is_no_delivery(device, monkeypatch):
     armed(device)
     status = rapid2.ARMED | rapid2.COIL_PRESENT | rapid2.REMOTE
     frame = rapid2.framed(b'E' + bytes([status]))
@@ -183,7 +174,7 @@ def test_a_trigger_that_found_the_device_charging_is_no_delivery(device, armed, 
 
 @pytest.mark.parametrize('letter', [b'S', b'?'])
 @pytest.mark.parametrize('command', [b'EH', b'@', b'EB', b'Q@', b'\\@'])
-def test_refusal_is_never_a_delivery_nor_a_status(fake, device, command, letter, armed):
+def test_refusal_is_never_a_delivery_nor_a_status(fake, device, command, letter):
     fake.refuse = {command: letter}
 
     def pulse():
@@ -195,14 +186,14 @@ def test_refusal_is_never_a_delivery_nor_a_status(fake, device, command, letter,
     assert fake.fired() == []
 
 
-def test_pulse_that_was_acknowledged_and_not_given_is_not_said_to_be_sure(fake, device, armed):
+def test_pulse_that_was_acknowledged_and_not_given_is_not_said_to_be_sure(fake, device):
     armed(device)
     fake.acknowledge_only = True
     assert 'delivery' in device.fire(0.5, MAGNETIC_PULSE_WIDTH).unverified
     assert fake.fired() == []
 
 
-def test_instrument_that_disarmed_by_itself(fake, device, armed):
+def test_instrument_that_disarmed_by_itself(fake, device):
     armed(device)
     fake.self_disarm()
     with pytest.raises(DeviceError, match='expected the instrument to obey EH, got S'):
@@ -214,34 +205,26 @@ def test_instrument_that_disarmed_by_itself(fake, device, armed):
     assert fake.fired() == []
 
 
-def test_trigger_that_comes_too_late_is_not_written(fake, device, armed):
+def test_trigger_that_comes_too_late_is_not_written(fake, device):
     armed(device)
+    now = time.monotonic_ns()
     with pytest.raises(TooLate, match='expected a trigger to be written in time'):
-        device.fire(0.5, MAGNETIC_PULSE_WIDTH, latest_ns=time.monotonic_ns() - 1)
+        device.fire(0.5, MAGNETIC_PULSE_WIDTH, latest_ns=now - 1)
     assert b'EH' not in fake.frames
-    assert (
-        device.fire(0.5, MAGNETIC_PULSE_WIDTH, latest_ns=time.monotonic_ns() + 10**10) is not None
-    )
+    assert device.fire(0.5, MAGNETIC_PULSE_WIDTH, latest_ns=now + 10**11) is not None
 
 
 def test_device_that_does_not_charge(instrument, monkeypatch, patient_device):
     fake = instrument(charge_s=60.0, watchdog_s=20.0)
     monkeypatch.setattr('rpms_ros.stimulation.devices.serial_line._CHARGE_S', 0.05)
     device = patient_device(fake.port)
-    device.open()
     with pytest.raises(DeviceError, match=r'expected a device that is ready within 0\.05 s'):
         device.arm()
     device.close()
     assert not fake.armed
 
 
-def test_rest_is_intensity_zero_and_stays_armed(fake, device, armed):
-    armed(device)
-    device.rest()
-    assert (fake.percent, fake.armed) == (0, True)
-
-
-def test_silence_sets_zero_first_and_waits_for_nobody(fake, device, wait_for, armed):
+def test_silence_sets_zero_first_and_waits_for_nobody(fake, device, wait_for):
     armed(device)
     fake.hang = True
     returned = []
@@ -265,7 +248,7 @@ def test_silence_sets_zero_first_and_waits_for_nobody(fake, device, wait_for, ar
     assert fake.fired() == []
 
 
-def test_after_a_silence_the_status_is_asked_for_and_the_disarming_made_sure(fake, device, armed):
+def test_after_a_silence_the_status_is_asked_for_and_the_disarming_made_sure(fake, device):
     armed(device)
     device.silence()
     assert device.keep_alive()[:2] == (False, False)
@@ -279,7 +262,6 @@ def test_after_a_silence_the_status_is_asked_for_and_the_disarming_made_sure(fak
 def test_temperature_is_asked_for_every_two_seconds(fake, patient_device):
     now = [10**9]
     device = patient_device(fake.port, clock=lambda: now[0])
-    device.open()
     assert device.keep_alive().temperature == 25.3
     # what was measured earlier does not come again: it is not known to be so now
     assert device.keep_alive().temperature is None
@@ -287,35 +269,42 @@ def test_temperature_is_asked_for_every_two_seconds(fake, patient_device):
     assert device.prepare(0.5).temperature is None
     assert fake.frames.count(b'F@') == 1
     now[0] += 2_000_000_000
+    # one that does not fit before the pulse is left out; the clock stands still: only the time
+    # that the line needs counts
+    assert device.prepare(0.5, spare_s=0.01).temperature is None
+    assert fake.frames[-1] == b'@050'
+    fake.temperatures = '311', '320'
+    assert device.prepare(0.5, spare_s=0.025).temperature == 32.0
+    assert fake.frames[-2:] == [b'@050', b'F@']
+    now[0] += 2_000_000_000
     fake.temperatures = 'xyz', '251'
     with pytest.raises(DeviceError, match='expected two temperatures in tenths of a degree, got'):
         device.keep_alive()
 
 
 @pytest.mark.parametrize(
-    ('wrong', 'match'),
+    ('wrong', 'value', 'match'),
     [
-        ({'flip': True}, 'a check byte that fits'),
-        ({'cut': 2}, r'expected an answer .* within .* got none'),
-        ({'silent': True}, r'expected an answer .* within .* got none'),
-        ({'hang': True}, 'expected an answer .* within .* got none'),
+        ('flip', True, 'a check byte that fits'),
+        ('cut', 2, 'expected an answer .* within .* got none'),
+        ('silent', True, 'expected an answer .* within .* got none'),
+        ('hang', True, 'expected an answer .* within .* got none'),
     ],
 )
-def test_noise_silence_and_half_answers(fake, wrong, match, wait_for, armed):
+def test_noise_silence_and_half_answers(fake, wrong, value, match, wait_for):
     device = SerialDevice(fake.port, timeout_s=1.0, beat_limit_s=20.0)
     device.open()
     armed(device)
-    for name, value in wrong.items():
-        setattr(fake, name, value)
+    right = getattr(fake, wrong)
+    setattr(fake, wrong, value)
     with pytest.raises(DeviceError, match=match):
         device.fire(0.5, MAGNETIC_PULSE_WIDTH)
-    for name in wrong:
-        setattr(fake, name, None if name == 'cut' else False)
+    setattr(fake, wrong, right)
     device.close()
     wait_for(lambda: not fake.armed)
 
 
-def test_noise_on_a_line_on_which_nobody_has_asked(fake, device, wait_for, armed):
+def test_noise_on_a_line_on_which_nobody_has_asked(fake, device, wait_for):
     armed(device)
     fake.noise(b'\xff\x00\x7f')
     wait_for(lambda: not fake.armed)
@@ -324,7 +313,7 @@ def test_noise_on_a_line_on_which_nobody_has_asked(fake, device, wait_for, armed
     assert armed(device).fire(0.5, MAGNETIC_PULSE_WIDTH) is not None
 
 
-def test_cable_that_is_pulled(fake, device, armed):
+def test_cable_that_is_pulled(fake, device):
     armed(device)
     fake.vanish()
     with pytest.raises(DeviceError, match='expected'):
@@ -335,7 +324,7 @@ def test_cable_that_is_pulled(fake, device, armed):
 
 def test_failed_opening_lets_go_of_the_port(fake, patient_device):
     fake.refuse = {b'Q@': b'S'}
-    device = patient_device(fake.port)
+    device = patient_device(fake.port, opened=False)
     for _ in range(2):
         with pytest.raises(DeviceError, match='expected the instrument to obey Q@, got S'):
             device.open()
@@ -350,16 +339,13 @@ def test_failed_opening_lets_go_of_the_port(fake, patient_device):
 
 
 def test_port_is_held_by_one_driver(fake, device, patient_device):
-    second = patient_device(fake.port)
+    assert kept_from_others(fake.port)
+    second = patient_device(fake.port, opened=False)
     with pytest.raises(DeviceError, match=r'expected a serial port, got .*lock'):
         second.open()
     with pytest.raises(DeviceError, match=r'expected .* to be closed, got an open one'):
         device.open()
     assert device.keep_alive().coil_present
-
-
-def test_port_is_free_again_after_its_driver(fake, device):
-    assert kept_from_others(fake.port)
     device.close()
     assert not kept_from_others(fake.port)
 
@@ -387,14 +373,7 @@ def test_line_that_is_a_trigger_on_some_cables_is_off(fake, monkeypatch):
     assert asked == [False]
 
 
-def test_a_child_of_the_driver_inherits_nothing_that_keeps_it_alive(device):
-    held = (device._line._line, device._line._socket)
-    assert not any(os.get_inheritable(descriptor.number) for descriptor in held)
-
-
-def test_after_the_guard_is_gone_the_device_is_closed_and_opened_anew(
-    fake, device, wait_for, armed
-):
+def test_after_the_guard_is_gone_the_device_is_closed_and_opened_anew(fake, device, wait_for):
     armed(device)
     first = device._line._guard.pid
     os.kill(first, signal.SIGKILL)
@@ -417,7 +396,7 @@ def test_after_the_guard_is_gone_the_device_is_closed_and_opened_anew(
 
 
 def test_the_guard_has_the_priority_of_the_driver(fake, patient_device):
-    device = patient_device(fake.port)
+    device = patient_device(fake.port, opened=False)
     # a policy that needs no right
     os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     try:
@@ -427,7 +406,7 @@ def test_the_guard_has_the_priority_of_the_driver(fake, patient_device):
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
-def test_a_guard_that_is_stopped_does_not_keep_the_port(fake, device, wait_for, armed):
+def test_a_guard_that_is_stopped_does_not_keep_the_port(fake, device, wait_for):
     armed(device)
     stopped = device._line._guard.pid
     os.kill(stopped, signal.SIGSTOP)

@@ -24,52 +24,42 @@ RAPID = (FOLDER / 'rapid2-240v.yaml').read_text(encoding='utf-8')
 
 
 @pytest.fixture
-def load(tmp_path):
-    def load_text(text):
+def written(tmp_path):
+    """Write a text to a file; return its path."""
+
+    def write(text):
         path = tmp_path / 'mine.yaml'
         path.write_text(text, encoding='utf-8')
-        return load_device_specification(str(path))
+        return path
 
-    return load_text
-
-
-def without(name):
-    lines = RAPID.splitlines(keepends=True)
-    return ''.join(line for line in lines if not line.startswith(f'  {name}:'))
+    return write
 
 
-@pytest.fixture
-def read_patient(tmp_path):
-    def load_text(text):
-        path = tmp_path / 'p01.yaml'
-        path.write_text(text, encoding='utf-8')
-        return load_patient(path)
-
-    return load_text
+def without(text, *starts):
+    return '\n'.join(line for line in text.splitlines() if not line.startswith(starts))
 
 
 @pytest.mark.parametrize('name', bounded_names(Limits))
-def test_every_limit_of_a_real_device_is_required(load, name):
+def test_every_limit_of_a_real_device_is_required(written, name):
     with pytest.raises(StimulationError, match=rf'limits\.{name}: expected every limit of a real'):
-        load(without(name))
+        load_device_specification(written(without(RAPID, f'  {name}:')))
     with pytest.raises(StimulationError, match=rf'limits\.{name}: expected '):
-        load(RAPID.replace(f'  {name}: ', f'  {name}:  # ', 1))
+        load_device_specification(written(RAPID.replace(f'  {name}: ', f'  {name}:  # ', 1)))
 
 
 @pytest.mark.parametrize('said', ['', 'simulated_only: false\n'])
-def test_no_limits_are_none(load, said):
+def test_no_limits_are_none(written, said):
     text = 'name: mine\ndescription: mine\nlimits: {}\nsources: {}\n'
     with pytest.raises(StimulationError, match=r'limits\.maximum_intensity: expected every limit'):
-        load(text + said)
-    assert load(f'{text}simulated_only: true').simulated_only
+        load_device_specification(written(text + said))
+    assert load_device_specification(written(f'{text}simulated_only: true')).simulated_only
 
 
-def test_a_coil_that_gets_warm_needs_thermal_figures(load):
+def test_a_coil_that_gets_warm_needs_thermal_figures(written):
     # the figures, and their sources
     figures = ('thermal', '  ambient', '  coil_share', '  heat_capacity', '  time_', '  cutout')
-    text = '\n'.join(line for line in RAPID.splitlines() if not line.startswith(figures))
     with pytest.raises(StimulationError, match='thermal: expected thermal figures of a real dev'):
-        load(text)
+        load_device_specification(written(without(RAPID, *figures)))
 
 
 @pytest.mark.parametrize(
@@ -86,17 +76,6 @@ def test_a_coil_that_gets_warm_needs_thermal_figures(load):
         ('cutout: 40.0', 'cutout: -1',
          r'thermal\.cutout: expected a number in \[0, 150\] Celsius, got -1'),
         ('cutout: 40.0', 'cutout: 22', 'cutout: expected more than ambient, 22, got 22'),
-    ],
-)  # fmt: skip
-def test_limits_that_limit_nothing_are_refused_for_a_real_device(load, old, new, fault):
-    assert old in RAPID
-    with pytest.raises(StimulationError, match=fault):
-        load(RAPID.replace(old, new, 1))
-
-
-@pytest.mark.parametrize(
-    ('old', 'new', 'fault'),
-    [
         ('limits:\n', 'simulated_only: "true"\nlimits:\n',
          "simulated_only: expected true or false, got 'true'"),
         ('limits:\n', 'simulated_only: yes\nlimits:\n', "expected true or false, got 'yes'"),
@@ -116,18 +95,18 @@ def test_limits_that_limit_nothing_are_refused_for_a_real_device(load, old, new,
         ('name: rapid2-240v', 'name: "\\u202e"', 'name: expected|expected printable text'),
     ],
 )  # fmt: skip
-def test_loose_writing_is_refused_with_file_line_and_key(load, old, new, fault):
+def test_what_limits_nothing_or_is_written_loosely_is_refused_with_file_line_and_key(
+    written, old, new, fault
+):
     assert old in RAPID
-    changed = RAPID.replace(old, new, 1)
     with pytest.raises(StimulationError, match=rf'mine\.yaml: line \d+.*({fault})'):
-        load(changed)
+        load_device_specification(written(RAPID.replace(old, new, 1)))
 
 
 def test_files_that_are_none(tmp_path):
+    known = 'expected a device of rapid2-240v, simulated or'
     for name in ('absent.yaml', '\x00.yaml', '/dev/zero'):
-        with pytest.raises(
-            StimulationError, match='expected a device of rapid2-240v, simulated or'
-        ):
+        with pytest.raises(StimulationError, match=known):
             load_device_specification(name)
     path = tmp_path / 'mine.yaml'
     path.write_bytes(b'\xff\xfe\x00')
@@ -138,44 +117,36 @@ def test_files_that_are_none(tmp_path):
         load_device_specification(str(path))
 
 
-def test_a_patient_is_read(read_patient):
-    patient = read_patient(PATIENT)
+def test_a_patient_is_read_and_the_tighter_limit_counts(written):
+    patient = load_patient(written(PATIENT))
     assert (patient.identifier, patient.device) == ('P01', 'rapid2-240v')
     assert (patient.motor_threshold, patient.largest_comfortable) == (0.32, 0.55)
     assert patient.dose == DoseLimits(4000, 200_000.0, 24.0)
-    assert patient.rest.pause_s == 30.0
     assert (patient.set_on, patient.expires) == (date(2026, 11, 2), date(2026, 12, 31))
-
-
-def test_the_tighter_limit_counts(read_patient):
-    limits = for_session(DEVICE, read_patient(PATIENT), DAY).limits
+    limits = for_session(DEVICE, patient, DAY).limits
     assert limits.maximum_intensity == 0.55
     assert limits.minimum_pause_s == 30.0
     assert limits.maximum_train_pulses == 1800
     loose = PATIENT.replace('0.55', '1.0').replace('1800', '9000').replace('30.0', '0.1')
-    unchanged = for_session(DEVICE, read_patient(loose), DAY).limits
+    unchanged = for_session(DEVICE, load_patient(written(loose)), DAY).limits
     assert unchanged == DEVICE.limits
 
 
-def test_a_real_device_needs_a_patient():
+def test_a_real_device_needs_a_patient_whose_figures_were_found_with_it(written):
     with pytest.raises(StimulationError, match="expected a patient file for the real device 'rap"):
         for_session(DEVICE, None, DAY)
     assert for_session(SIMULATED, None, DAY) is SIMULATED
+    others = "found with 'simulated', got those of 'rapid2-240v"
+    with pytest.raises(StimulationError, match=others):
+        for_session(SIMULATED, load_patient(written(PATIENT)), DAY)
 
 
 @pytest.mark.parametrize('day', [date(2026, 11, 1), date(2027, 1, 1), date(1970, 1, 1)])
-def test_figures_that_do_not_hold_today_are_refused(read_patient, day):
+def test_figures_that_do_not_hold_today_are_refused(written, day):
     with pytest.raises(StimulationError, match=f'2026-11-02 to 2026-12-31, got {day}'):
-        for_session(DEVICE, read_patient(PATIENT), day)
+        for_session(DEVICE, load_patient(written(PATIENT)), day)
     for good in (date(2026, 11, 2), date(2026, 12, 31)):
-        for_session(DEVICE, read_patient(PATIENT), good)
-
-
-def test_figures_of_another_device_are_refused(read_patient):
-    with pytest.raises(
-        StimulationError, match="found with 'simulated', got those of 'rapid2-240v"
-    ):
-        for_session(SIMULATED, read_patient(PATIENT), DAY)
+        for_session(DEVICE, load_patient(written(PATIENT)), good)
 
 
 @pytest.mark.parametrize(
@@ -185,10 +156,9 @@ def test_figures_of_another_device_are_refused(read_patient):
         'set_by', 'set_on', 'expires',
     ],
 )  # fmt: skip
-def test_nothing_may_be_left_out(read_patient, key):
-    lines = [line for line in PATIENT.splitlines() if not line.startswith(f'{key}:')]
-    with pytest.raises(StimulationError, match=rf'p01\.yaml: line 1, {key}: expected '):
-        read_patient('\n'.join(lines))
+def test_nothing_may_be_left_out(written, key):
+    with pytest.raises(StimulationError, match=rf'mine\.yaml: line 1, {key}: expected '):
+        load_patient(written(without(PATIENT, f'{key}:')))
 
 
 @pytest.mark.parametrize(
@@ -210,7 +180,7 @@ def test_nothing_may_be_left_out(read_patient, key):
         ('A. Physician', '""', 'line 7, set_by: expected a text of 1 to 64'),
     ],
 )
-def test_faults_are_named_by_file_line_and_key(read_patient, old, new, fault):
+def test_faults_are_named_by_file_line_and_key(written, old, new, fault):
     assert old in PATIENT
-    with pytest.raises(StimulationError, match=rf'p01\.yaml: .*{fault}'):
-        read_patient(PATIENT.replace(old, new))
+    with pytest.raises(StimulationError, match=rf'mine\.yaml: .*{fault}'):
+        load_patient(written(PATIENT.replace(old, new)))

@@ -260,10 +260,9 @@ class BasisChoice:
         if first > 0 and blocks.moments[first - 1, COUNT] > 0.0:
             problem = problem._replace(first=first - 1)
         begin_ns = int(blocks.start_ns[problem.first])
-        knots = int((window.now_ns - begin_ns) / (window.spacing * window.length_ns) + 0.5)
         matrix = conversion(self.basis, basis)
         origin = window.origin._replace(linear=matrix @ window.origin.linear)
-        window = replace(window, first_ns=begin_ns, knots=knots, origin=origin)
+        window = replace(window, first_ns=begin_ns, origin=origin)
         linear = matrix @ present.point.linear
         alike = replace(
             present,
@@ -367,6 +366,8 @@ class BasisSchedule:
         elif not misfit or now_ns < self._compared_ns + (_AGAIN_NS << self._in_vain):
             return None
         else:
-            self._in_vain = min(self._in_vain + 1, _LONGEST_WAIT)
+            # not in vain while there are too few samples to tell a tremor from the muscle
+            late = seconds > _CHOICES_S[3]
+            self._in_vain = min(self._in_vain + 1, _LONGEST_WAIT) if late else 0
         self._compared_ns = now_ns
         return Search.EVERYWHERE if done < _GRIDS or misfit else Search.NEIGHBOURS

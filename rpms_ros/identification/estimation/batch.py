@@ -30,8 +30,8 @@ from rpms_ros.identification.estimation.estimator import ProjectionEstimator
 from rpms_ros.identification.estimation.settings import Problem, ProjectionSettings
 from rpms_ros.identification.estimation.window_equations import Intervals, no_change
 from rpms_ros.identification.estimation.window_fit import (
-    CONSTANT,
     INTERVAL_NS,
+    LIVELINESS,
     Window,
     WindowFit,
     fresh_fit,
@@ -192,9 +192,14 @@ class BatchEstimator(ProjectionEstimator):
         first_ns = int(blocks.start_ns[place])
         most_ns = _MOST_INTERVALS * INTERVAL_NS
         length_ns = INTERVAL_NS * (1 + (self._last_ns - first_ns) // most_ns)
-        origin = no_change(self._basis.functions)
+        return self._constant(first_ns, length_ns, _DRIFT)
+
+    def _constant(self, first_ns: int, length_ns: int, liveliest: int) -> Window:
+        """Return a window up to now of a muscle that does not change."""
+        now_ns, origin = self._last_ns, no_change(self._basis.functions)
+        times = np.array([now_ns / length_ns])
         return Window(
-            first_ns, self._last_ns, length_ns, CONSTANT, 0, 0.0, origin, liveliest=_DRIFT
+            first_ns, now_ns, length_ns, times, (), origin, None, liveliest, changes=False
         )
 
     def _fit_basis(self, scouting: bool) -> None:
@@ -247,8 +252,8 @@ class BatchEstimator(ProjectionEstimator):
         if samples < _LEAST_SAMPLES:
             return False
         self._compared_ns = strong_ns
-        knowledge, origin = self._of_any_shape(self._prior), no_change(present.functions)
-        window = Window(first_ns, self._last_ns, INTERVAL_NS, CONSTANT, 0, 0.0, origin)
+        knowledge = self._of_any_shape(self._prior)
+        window = self._constant(first_ns, INTERVAL_NS, len(LIVELINESS) - 1)
         fit = fresh_fit(theta, present.functions)
         if present == self._basis:
             fit = replace(self._window, levels=np.zeros(2), first=0)

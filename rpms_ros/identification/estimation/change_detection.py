@@ -37,6 +37,7 @@ from rpms_ros.identification.estimation.window_equations import (
     SLOPES,
     Origin,
     Point,
+    steady,
     time_scale_derivative,
 )
 from rpms_ros.identification.estimation.window_fit import (
@@ -175,13 +176,12 @@ def after(before: Snapshot, kind: str, knowledge: Knowledge, distance: float) ->
     knowledge : Knowledge
         Physiology and bounds.
     distance : float
-        Time since the snapshot, in distances of the knots of the slow change [1].
+        Time since the snapshot, in intervals.
     """
     point = before.point
     joint = NONLINEAR + len(point.linear)
-    # against now, relative, at the first knot of the past: the change over one distance
-    change = float(point.gain[0]) if len(point.gain) else 0.0
-    slowing = float(point.slowing[0]) if len(point.slowing) else 0.0
+    # against now, relative, at the first knot of the past
+    change, slowing = point.speed
     covariance = before.covariance.copy()
     for response in (
         (_RESTLESS + _GOES_ON * abs(change) * distance) * point.linear,
@@ -224,13 +224,10 @@ def explain(
     force: float,
 ) -> Explanation | None:
     """Explain the samples of a window that begins after a snapshot; None if it cannot be done."""
-    distance = (window.now_ns - before.stamp_ns) / (window.spacing * window.length_ns)
-    known = after(before, kind, knowledge, distance)
+    known = after(before, kind, knowledge, (window.now_ns - before.stamp_ns) / window.length_ns)
     functions = len(before.point.linear)
     unknowns = NONLINEAR + functions + SLOPES
-    point = Point(
-        before.point.theta, before.point.linear, np.zeros(0), np.zeros(0), np.zeros(SLOPES)
-    )
+    point = steady(before.point.theta, before.point.linear)
     scales = replace(before.fit.scales, disturbance=disturbance, slope=0)
     fit = replace(
         before.fit,
@@ -240,7 +237,7 @@ def explain(
         first=0,
         covariance=np.zeros((unknowns, unknowns)),
     )
-    span = replace(window, start=_start(before, window, kind, force), knots=0)
+    span = replace(window.without_past, start=_start(before, window, kind, force))
     steps = _STEPS if kind == THRESHOLDS else 2
     if not steps_at_fixed_scales(problem, fit, known, span, steps):
         return None
@@ -475,7 +472,7 @@ def _explanations(
         return {}
     blocks = problem.blocks
     start_ns = int(blocks.start_ns[(int(blocks.head[0]) + first) % len(blocks.start_ns)])
-    span = replace(window, first_ns=start_ns, knots=0, origin=origin_of(before))
+    span = replace(window.without_past, first_ns=start_ns, origin=origin_of(before))
     force = float(np.sqrt(alert.force)) + 1e-9
     return compare_hypotheses(problem._replace(first=first), before, prior, span, force, doubted)
 

@@ -121,7 +121,6 @@ class ProjectionEstimator:
             return
         self._delay_line.add(onset_ns, intensity)
         self._pulses += len(onset_ns)
-        self._intensity_range = recruiting_range(intensity, self._intensity_range)
         if self.settings.choose_basis:
             weight = self._delay_line.weight[-len(onset_ns) :]
             self._raw.add_pulses(onset_ns, intensity, weight)
@@ -233,6 +232,8 @@ class ProjectionEstimator:
             self._rate,
             prediction,
         )
+        # those that act, not all that are known: how far ahead pulses come differs on line
+        self._intensity_range = recruiting_range(pending.intensity[:begun], self._intensity_range)
         pending.drop(begun)
 
     def _of_any_shape(self, knowledge: Knowledge) -> Knowledge:

@@ -15,7 +15,7 @@ and becomes the prior of `tracking`, which is dropped where a fit without it con
 import json
 import math
 from dataclasses import dataclass, fields, replace
-from functools import cache
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 
@@ -43,9 +43,12 @@ if TYPE_CHECKING:
 _CONTRADICTED = 0.999
 # Error of the response by a conversion of the basis or a rest, as a share of it.
 _LOST = 0.01
-# Standard deviations of the change of the slope from knot to knot, and of the increments besides,
+# Standard deviations of the change of the slope over a unit of time, and of increments besides,
 # relative to the slope.
 _SLOPE_WALK, _SLOPE_NOISE = 0.15, 0.02
+# A muscle recovers in a pause as fast as it tires otherwise, until this many units of time have
+# passed; from pause to pause that differs by this share.
+_RECOVERY, _RECOVERY_NOISE = 3.0, 0.4
 # Added to the diagonal of a matrix whose rows are scaled to 1.
 ROUNDING = 1e-9
 
@@ -175,7 +178,7 @@ class Knowledge:
         """Whether there is a result of samples before the window."""
         return bool(self.information.any())
 
-    def about(self, point: Point, ridge: float) -> 'Terms':
+    def about(self, point: Point, ridge: float, walk: FloatArray) -> 'Terms':
         """Return what is known at a point, whatever the scales.
 
         Parameters
@@ -184,6 +187,8 @@ class Knowledge:
             Where.
         ridge : float
             Information about each coefficient of w, around nothing.
+        walk : ndarray (knots, knots)
+            See `walk_information`.
         """
         theta = coordinates(point.theta)
         linear = point.linear
@@ -203,7 +208,6 @@ class Knowledge:
         gradient[NONLINEAR:] -= ridge * linear
         cost += ridge * float(linear @ linear)
         changes = np.stack((point.gain, point.slowing))
-        walk = walk_information(len(point.gain))
         return Terms(matrix, gradient, cost, theta[DEVIATION], walk, changes, point.slope)
 
     def bounded(self, point: Point, step: FloatArray, hessian: FloatArray) -> FloatArray:
@@ -296,18 +300,28 @@ def posterior_as_prior(knowledge: Knowledge, fit: 'WindowFit') -> Knowledge:
     return replace(knowledge, information=scaled_inverse(covariance), reference=reference)
 
 
-@cache
-def walk_information(knots: int) -> FloatArray:
+@lru_cache(maxsize=64)
+def walk_information(lengths: tuple[float, ...], pauses: tuple[bool, ...]) -> FloatArray:
     """Return the inverse covariance of a slow change at knots (knots, knots), which is 0 now.
 
-    The first increment has standard deviation 1; the slope is a random walk from there.
+    The slope is a random walk that begins with a standard deviation of 1.  It rests in the pauses
+    of the stimulation: there the muscle recovers, by much the same in all of them.
+
+    Parameters
+    ----------
+    lengths : tuple of float (knots,)
+        From each knot to the next newer one, in units of time.
+    pauses : tuple of bool (knots,)
+        Which of these are pauses.
     """
-    place = np.arange(1.0, knots + 1.0)
-    increments = (
-        1.0
-        + _SLOPE_WALK**2 * np.minimum.outer(place - 1.0, place - 1.0)
-        + _SLOPE_NOISE**2 * np.eye(knots)
-    )
+    length, pause = np.array(lengths), np.array(pauses, dtype=bool)
+    knots = len(length)
+    tired = np.where(pause, 0.0, length)
+    place = np.cumsum(tired) - tired
+    slope = 1.0 + _SLOPE_WALK**2 * np.minimum.outer(place, place) + _SLOPE_NOISE**2 * np.eye(knots)
+    recovered = np.where(pause, _RECOVERY * (1.0 - np.exp(-length / _RECOVERY)), 0.0)
+    alike = 1.0 + _RECOVERY_NOISE**2 * np.eye(knots)
+    increments = np.outer(tired, tired) * slope + np.outer(recovered, recovered) * alike
     difference = np.eye(knots) - np.eye(knots, k=-1)
     information: FloatArray = difference.T @ np.linalg.solve(increments, difference)
     return information

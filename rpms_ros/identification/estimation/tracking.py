@@ -49,11 +49,12 @@ from rpms_ros.identification.estimation.settings import Problem, ProjectionSetti
 from rpms_ros.identification.estimation.tremor import SEARCHED_NS, Tremor, repetition_rates
 from rpms_ros.identification.estimation.window_equations import (
     no_change,
-    point_at,
+    steady,
     time_scale_derivative,
 )
 from rpms_ros.identification.estimation.window_fit import (
     INTERVAL_NS,
+    KNOT_INTERVALS,
     Scales,
     Window,
     WindowFit,
@@ -89,10 +90,10 @@ _LIVELY = 6
 # which is 1.1 at most once it is known: a lively disturbance then takes up what is the muscle's.
 _DOUBTED_INFLATION = 1.5
 _WIDE = 0.05
-# The disturbance counts as following the intensity if its course, smoothed over so many intervals,
-# explains this share of its variance, and moves it by this share of the force at full intensity;
-# in less than twenty seconds any course does.
-_SMOOTHED, _LEAST_COMPARED, _EXPLAINED, _FOLLOWED = 8, 160, 0.5, 0.02
+# The disturbance counts as following the intensity if its course in the last 1.5 s, smoothed over
+# so many intervals and as many apart, explains this share of its variance, and moves it by this
+# share of the force at full intensity; in less than twenty seconds any course does.
+_SMOOTHED, _LAGS, _LEAST_COMPARED, _EXPLAINED, _FOLLOWED = 2, 6, 160, 0.5, 0.02
 
 
 def described_fit(
@@ -138,8 +139,10 @@ def described_fit(
         disturbance_deviation=_level_deviation(fit, estimate.stamp_ns / INTERVAL_NS),
         reasons=_reasons(estimate, fit, watch.deliberating, tremor),
     )
-    doubts = {RESIDUALS_ALIKE: _leaves_alike(fit), DISTURBANCE_FOLLOWS: follows}
-    return doubted(described, doubts)
+    # neighbouring residuals are alike, and more than the model's own error
+    alike = fit.inflation > _DOUBTED_INFLATION * fit.colour
+    alike = alike and fit.misfit * fit.weighting_variance > 0.5 * fit.variance
+    return doubted(described, {RESIDUALS_ALIKE: alike, DISTURBANCE_FOLLOWS: follows})
 
 
 def follows_intensity(problem: Problem, fit: WindowFit, full: float) -> bool:
@@ -154,22 +157,18 @@ def follows_intensity(problem: Problem, fit: WindowFit, full: float) -> bool:
         return False
     place = np.clip(blocks.start_ns[order] // INTERVAL_NS - fit.first, 0, count - 1)
     smooth, columns = np.full(_SMOOTHED, 1.0 / _SMOOTHED), [np.ones(count), np.arange(count)]
+    earlier = np.zeros(_SMOOTHED * _LAGS)
     given = blocks.intensity[order]
     for drive in (given, recruitment_curve(given, fit.point.theta)[0]):
-        course = np.convolve(np.bincount(place, drive, count), smooth, 'same')
-        # a sinusoid of another phase is a sum of both
-        columns += [course, np.gradient(course)]
+        course = np.convolve(np.concatenate((earlier, np.bincount(place, drive, count))), smooth)
+        columns += [
+            course[len(earlier) - lag :][:count] for lag in range(0, len(earlier), _SMOOTHED)
+        ]
     matrix = np.column_stack(columns)
     part = matrix @ np.linalg.lstsq(matrix, levels, rcond=None)[0]
     straight = np.polynomial.Polynomial.fit(columns[1], levels, 1)(columns[1])
     explained = 1.0 - np.var(levels - part) / max(float(np.var(levels - straight)), 1e-300)
     return bool(explained > _EXPLAINED and np.ptp(part - straight) > _FOLLOWED * full)
-
-
-def _leaves_alike(fit: WindowFit) -> bool:
-    """Tell whether neighbouring residuals are alike, and more than the model's own error."""
-    left = fit.misfit * fit.weighting_variance
-    return fit.inflation > _DOUBTED_INFLATION * fit.colour and left > 0.5 * fit.variance
 
 
 def _level_deviation(fit: WindowFit, now: float) -> float:
@@ -184,16 +183,17 @@ def _rates(fit: WindowFit, area: FloatArray) -> tuple[tuple[str, ...], FloatArra
     knots = len(fit.point.gain)
     if not knots:
         return (), np.empty(0), np.empty(0)
+    a_minute = _MINUTE * NANOSECONDS_PER_SECOND / INTERVAL_NS
     base = NONLINEAR + len(fit.point.linear)
     # a slower twitch of the same height has a larger area, and so a larger steady force
     steady = float(area @ fit.point.linear)
     by_slowing = float(area @ time_scale_derivative(fit.point.linear)) / steady if steady else 0.0
     # the parameters are past minus present: a force that was larger has fallen
-    scale = 100.0 * _MINUTE / _KNOT_S
+    scale = 100.0 * a_minute / float(fit.point.times[0] - fit.point.times[1])
     matrix = np.zeros((len(RATE_NAMES), len(fit.covariance)))
     matrix[0, base], matrix[0, base + knots] = -scale, -scale * by_slowing
     matrix[1, base + knots] = -scale
-    matrix[2, -2] = matrix[3, -1] = -_MINUTE * NANOSECONDS_PER_SECOND / INTERVAL_NS
+    matrix[2, -2] = matrix[3, -1] = -a_minute
     gain, slowing = float(fit.point.gain[0]), float(fit.point.slowing[0])
     changed = np.zeros(len(fit.covariance))
     changed[base], changed[base + knots], changed[-2:] = gain, slowing, fit.point.slope
@@ -273,39 +273,47 @@ def noise_colour(stamp_ns: IntArray, force: FloatArray, rest: FloatArray, before
     return max(1.0, float(between / np.mean(beyond)))
 
 
-class Multistart:
-    """Tries other starts, in turn.
+def knots_of_change(
+    acting_ns: IntArray, first_ns: int, now_ns: int, lag: float
+) -> tuple[FloatArray, tuple[bool, ...]]:
+    """Return the knots of a slow change and which of their distances are pauses, see `Window`.
+
+    They are `KNOT_INTERVALS` apart, counted from now, and at the ends of pauses.
 
     Parameters
     ----------
-    starts : sequence of ndarray (26,)
-        theta of each (26,).
+    acting_ns : ndarray of int64 (pulses,)
+        When pulses began to act, ascending [ns].
+    first_ns, now_ns : int
+        The window [ns].
+    lag : float
+        How long after its pulse the force acts in the mean, in intervals.
     """
-
-    def __init__(self, starts: Sequence[FloatArray]) -> None:
-        self._starts = starts
-        self._turn = 0
-
-    def try_next(
-        self, problem: Problem, fit: WindowFit, knowledge: Knowledge, window: Window
-    ) -> None:
-        """While the window is young try the next start; go on from there if it is better."""
-        length_ns = window.now_ns - window.first_ns
-        if length_ns > _CHALLENGED_NS or not fit.shows_response:
-            return
-        self._turn = (self._turn + 1) % (_RESTS * len(self._starts))
-        if length_ns > _OFTEN_NS and self._turn % _RESTS:
-            return
-        other = fresh_fit(self._starts[self._turn // _RESTS], len(fit.point.linear))
-        other.variance, other.inflation, other.colour = fit.variance, fit.inflation, fit.colour
-        mine = replace(fit)
-        if not steps_at_fixed_scales(problem, other, knowledge, window, _TRIAL_STEPS):
-            return
-        if steps_at_fixed_scales(problem, mine, knowledge, window, 1) and (
-            other.evidence > mine.evidence + _DECISION
-        ):
-            fit.point, fit.scales, fit.levels = other.point, other.scales, other.levels
-            fit.first = other.first
+    inside = acting_ns[(acting_ns >= first_ns) & (acting_ns < now_ns)]
+    times = np.concatenate(([first_ns], inside, [now_ns]))
+    gaps = np.diff(times)
+    longest = max(_PAUSE_NS, _PAUSE_INTERVALS * float(np.median(gaps)))
+    pauses = np.flatnonzero(gaps > longest)
+    ends = np.concatenate(
+        ([first_ns], times[np.column_stack((pauses, pauses + 1)).ravel()], [now_ns])
+    )
+    knots, paused = [now_ns / INTERVAL_NS], []
+    for place in range(len(ends) - 1, 0, -1):
+        newer, older = ends[place] / INTERVAL_NS, ends[place - 1] / INTERVAL_NS
+        pause = place % 2 == 0
+        count = 1 if pause else int((newer - older) / KNOT_INTERVALS + 0.5)
+        if len(pauses) and newer > older:
+            count = max(count, 1)
+        elif newer == older:
+            continue
+        knots += [newer - KNOT_INTERVALS * (1 + index) for index in range(count)]
+        paused += [pause] * count
+        if len(pauses):
+            knots[-1] = older
+    if paused and paused[-1]:
+        # nothing is known from before the pause
+        del knots[-1], paused[-1]
+    return np.array(knots) + lag, tuple(paused)
 
 
 LONGEST_BASIS = LaguerreBasis(7, 90e-3, 30e-3)
@@ -350,13 +358,13 @@ class TrackingSettings(ProjectionSettings):
 _HIGHEST_RATE = 120.0
 _SPARE_BLOCKS = 128
 _BLOCKS_OF_PAUSES = 4
-# Distance of two knots of the slow change, in intervals.
-_KNOT_INTERVALS = 40
-_KNOT_S = _KNOT_INTERVALS * INTERVAL_NS / NANOSECONDS_PER_SECOND
-# The window ends where the muscle was so different that what it was then says little of now, and
-# seven functions no longer hold the stretched response.
+# Without a pulse for so long, and so many times their median interval, the muscle recovers [ns].
+_PAUSE_NS, _PAUSE_INTERVALS = 1_000_000_000, 4.0
+# The window ends where the muscle was so different that what it was then says little of now, seven
+# functions no longer hold the stretched response, and one slope not the moved recruitment.
 _LARGEST_GAIN = 0.25
 _LARGEST_SLOWING = 0.25
+_LARGEST_DRIFT = 0.03
 _SHORTEST_S = 20.0
 # That of the slowest muscle.
 _LONGEST_LAG_S = 0.3
@@ -403,7 +411,7 @@ class TrackingEstimator(ProjectionEstimator):
         functions = settings.basis.functions
         self._last_ns: int | None = None
         self._schedule = BasisSchedule()
-        self._multistart = Multistart(settings.starts())
+        self._turn = 0
         self._from_before = False
         self._knowledge = self._prior
         self._origin = no_change(functions)
@@ -479,7 +487,7 @@ class TrackingEstimator(ProjectionEstimator):
         self._prior.part(theta)
         self._use(basis)
         self._problem = self._problem._replace(input_gain=basis.input_gain)
-        self._window.point = point_at(theta, known.linear, 0)
+        self._window.point = steady(theta, known.linear)
         self._knowledge = replace(
             self._prior,
             information=scaled_inverse(known.widened(DayToDay())),
@@ -510,12 +518,13 @@ class TrackingEstimator(ProjectionEstimator):
             return
         if not self._schedule.begun and self._window.shows_response:
             self._schedule.begin(self._now_ns)
-        if self._rests():
+        acting_ns = self._acting_ns()
+        if len(acting_ns) and self._now_ns - int(acting_ns[-1]) > _REST_NS:
             self._begin_anew()
             self._from_before = True
         self._slide()
         self._follow_tremor()
-        if not self._holds_samples():
+        if int(self._problem.blocks.size[0]) - self._problem.first < 2:
             return
         basis, fit = self._basis, self._window
         if self._choose and fit.variance > 0.0:
@@ -529,12 +538,32 @@ class TrackingEstimator(ProjectionEstimator):
             young = window.now_ns - window.first_ns < _YOUNG_NS
             steps = _FIRST_STEPS if young or basis != self._basis else _STEPS
             knowledge = self._of_any_shape(self._knowledge)
-            self._multistart.try_next(self._problem, self._window, knowledge, self._span())
+            self._try_other_start(knowledge, self._span())
             gauss_newton_steps(self._problem, self._window, knowledge, self._span(), steps)
             self._doubt_what_is_from_before(self._span())
             if self._find and self._window.variance > 0.0:
                 self._watch.remember(snapshot(self._window, window.now_ns))
         self._predict_by_window(INTERVAL_NS)
+
+    def _try_other_start(self, knowledge: Knowledge, window: Window) -> None:
+        """While the window is young try the next start; go on from there if it is better."""
+        problem, fit, starts = self._problem, self._window, self.settings.starts()
+        length_ns = window.now_ns - window.first_ns
+        if length_ns > _CHALLENGED_NS or not fit.shows_response:
+            return
+        self._turn = (self._turn + 1) % (_RESTS * len(starts))
+        if length_ns > _OFTEN_NS and self._turn % _RESTS:
+            return
+        other = fresh_fit(starts[self._turn // _RESTS], len(fit.point.linear))
+        other.variance, other.inflation, other.colour = fit.variance, fit.inflation, fit.colour
+        mine = replace(fit)
+        if not steps_at_fixed_scales(problem, other, knowledge, window, _TRIAL_STEPS):
+            return
+        if steps_at_fixed_scales(problem, mine, knowledge, window, 1) and (
+            other.evidence > mine.evidence + _DECISION
+        ):
+            fit.point, fit.scales, fit.levels = other.point, other.scales, other.levels
+            fit.first = other.first
 
     def _follow_tremor(self) -> None:
         """Follow a tremor, or look whether what may be one explains the samples."""
@@ -582,7 +611,7 @@ class TrackingEstimator(ProjectionEstimator):
     def _begin_without_tremor(self) -> None:
         """Forget the widths that were found: they are those of the tremor."""
         fit = self._window
-        fit.point = point_at(fit.point.theta, fit.point.linear, 0)
+        fit.point = steady(fit.point.theta, fit.point.linear)
         fit.scales, fit.variance = Scales(), 0.0
         fit.levels = np.full(2, float(np.median(fit.levels)))
         self._schedule.begin(self._now_ns)
@@ -632,27 +661,20 @@ class TrackingEstimator(ProjectionEstimator):
         first = min(first, int(self._problem.blocks.size[0]) - 2)
         self._problem = self._problem._replace(first=first)
 
-    def _holds_samples(self) -> bool:
-        """Return whether the window holds enough blocks to be fitted."""
-        return int(self._problem.blocks.size[0]) - self._problem.first >= 2
-
-    def _span(self) -> Window:
-        """Return the present window."""
+    def _span(self, oldest_ns: int = -(2**62)) -> Window:
+        """Return the present window, of samples from `oldest_ns` on."""
         blocks = self._problem.blocks
         begin = (int(blocks.head[0]) + self._problem.first) % len(blocks.start_ns)
-        first_ns = int(blocks.start_ns[begin])
-        # without a known response there is no slow change
-        known = self._schedule.begun
-        knots = int((self._now_ns - first_ns) / INTERVAL_NS / _KNOT_INTERVALS + 0.5) * known
-        return Window(
+        first_ns = max(int(blocks.start_ns[begin]), oldest_ns)
+        window = Window(
             first_ns,
             self._now_ns,
             INTERVAL_NS,
-            float(_KNOT_INTERVALS),
-            knots,
-            self._lag(),
+            *knots_of_change(self._acting_ns(), first_ns, self._now_ns, self._lag()),
             self._origin,
         )
+        # without a known response there is no slow change
+        return window if self._schedule.begun else window.without_past
 
     def _lag(self) -> float:
         """Return how long after its pulse the force acts in the mean, in intervals."""
@@ -675,11 +697,6 @@ class TrackingEstimator(ProjectionEstimator):
         order = ring_order(blocks)
         acting_ns: IntArray = blocks.start_ns[order][blocks.intensity[order] > 0.0]
         return acting_ns
-
-    def _rests(self) -> bool:
-        """Return whether the pulses of the window were long ago: soon it would hold none."""
-        acting_ns = self._acting_ns()
-        return len(acting_ns) > 0 and self._now_ns - int(acting_ns[-1]) > _REST_NS
 
     def _slide(self) -> None:
         """Drop blocks before the window, except those that advance its first state."""
@@ -707,7 +724,10 @@ class TrackingEstimator(ProjectionEstimator):
         """Return the length of the window [ns], shorter for a muscle that changes fast."""
         point = self._window.point
         large = (np.abs(point.gain) > _LARGEST_GAIN) | (np.abs(point.slowing) > _LARGEST_SLOWING)
-        seconds = _KNOT_S * int(np.argmax(large)) if large.any() else self._longest
+        behind = _LARGEST_DRIFT / max(float(np.abs(point.slope).max()), 1e-9)
+        if large.any():
+            behind = min(behind, float(point.times[0] - point.times[int(np.argmax(large))]))
+        seconds = behind * INTERVAL_NS / NANOSECONDS_PER_SECOND
         return round(min(max(seconds, _SHORTEST_S), self._longest) * NANOSECONDS_PER_SECOND)
 
     def _make_room(self, first_ns: int, last_ns: int) -> None:
@@ -776,7 +796,7 @@ class TrackingEstimator(ProjectionEstimator):
             self._basis,
             self._window,
             self._of_any_shape(self._prior),
-            replace(self._span(), first_ns=self._compared_from()),
+            self._span(self._compared_from()),
             None if self._tremor.frequency else repetition_rates(self._problem.blocks),
         )
 

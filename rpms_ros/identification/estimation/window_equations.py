@@ -303,6 +303,8 @@ class Point(NamedTuple):
         knots, against now.
     slope : ndarray (2,)
         Change of u_thr and u_sat with the age, per interval.
+    times : ndarray (1 + knots,)
+        When now is and the knots are, newest first, in intervals.
     """
 
     theta: FloatArray
@@ -310,6 +312,23 @@ class Point(NamedTuple):
     gain: FloatArray
     slowing: FloatArray
     slope: FloatArray
+    times: FloatArray
+
+    @property
+    def speed(self) -> tuple[float, float]:
+        """Change of gain and slowing with the age, per interval, since the newest knot."""
+        if len(self.times) < 2:
+            return 0.0, 0.0
+        length = self.times[0] - self.times[1]
+        return float(self.gain[0] / length), float(self.slowing[0] / length)
+
+    def at_times(self, times: FloatArray) -> 'Point':
+        """Return the point with its slow change at other knots (1 + knots,)."""
+        gain, slowing = (
+            np.interp(times[1:], self.times[::-1], np.concatenate((values[::-1], [0.0])))
+            for values in (self.gain, self.slowing)
+        )
+        return self._replace(gain=gain, slowing=slowing, times=times)
 
 
 class Equations(NamedTuple):
@@ -334,9 +353,10 @@ class Equations(NamedTuple):
     energy: FloatArray
 
 
-def point_at(theta: FloatArray, linear: FloatArray, knots: int) -> Point:
+def steady(theta: FloatArray, linear: FloatArray) -> Point:
     """Return a point at which nothing changes."""
-    return Point(theta.copy(), linear.copy(), np.zeros(knots), np.zeros(knots), np.zeros(SLOPES))
+    none = np.zeros(0)
+    return Point(theta.copy(), linear.copy(), none, none, np.zeros(SLOPES), np.zeros(1))
 
 
 def unknowns_of(point: Point) -> int:
@@ -449,7 +469,7 @@ def _add_past(
 
 @numba.njit(cache=True)
 def assemble(
-    intervals: Intervals, point: Point, now: float, spacing: float, equations: Equations
+    intervals: Intervals, point: Point, age: FloatArray, position: FloatArray, equations: Equations
 ) -> None:
     """Write the equations of a window; they have to be zero before.
 
@@ -459,10 +479,9 @@ def assemble(
         At the point's theta and w.
     point : Point
         Point of linearisation.
-    now : float
-        Where the last interval ends, in intervals from the first one's beginning.
-    spacing : float
-        Distance of the knots of gain and slowing, in intervals.
+    age, position : ndarray (intervals,)
+        Age of the muscle that an interval shows, counted in intervals and in knots of gain and
+        slowing.
     equations : Equations
         Filled.
     """
@@ -479,26 +498,28 @@ def assemble(
     for index in range(len(intervals.samples)):
         if intervals.samples[index] == 0.0:
             continue
-        age = max(now - (index + 0.5), 0.0)
-        position = age / spacing
-        gain = 1.0 + _at_age(point.gain, position)
-        delay = _at_age(point.slowing, position)
+        gain = 1.0 + _at_age(point.gain, position[index])
+        delay = _at_age(point.slowing, position[index])
         gram, right = intervals.gram[index], intervals.right[index]
         if abs(delay) >= NO_SLOWING:
             gram, right = time_scaled_columns(gram, right, delay, powers)
-        force[0] = age * point.slope[0]
-        force[1] = age * point.slope[1]
+        force[0] = age[index] * point.slope[0]
+        force[1] = age[index] * point.slope[1]
         # right-hand side of the residual at the point, by the columns of the interval
         rest = right - gain * (gram @ force)
         equations.energy[0] += intervals.energy[index]
         for column in range(local):
             equations.energy[0] -= gain * force[column] * (right[column] + rest[column])
         _add_now(gram, rest, gain, index, local, equations)
-        count = _changing_columns(force, slow, gain, age, position, knots, local, basis, place)
+        count = _changing_columns(
+            force, slow, gain, age[index], position[index], knots, local, basis, place
+        )
         _add_past(gram, rest, gain, index, local, basis[:count], place[:count], equations)
 
 
-def assembled(intervals: Intervals, point: Point, now: float, spacing: float) -> Equations:
+def assembled(
+    intervals: Intervals, point: Point, age: FloatArray, position: FloatArray
+) -> Equations:
     """Return the equations of a window; see `assemble`."""
     unknowns = unknowns_of(point)
     knots = len(intervals.samples) + 1
@@ -509,7 +530,7 @@ def assembled(intervals: Intervals, point: Point, now: float, spacing: float) ->
         band=np.zeros((knots, 3)),
         energy=np.zeros(1),
     )
-    assemble(intervals, point, now, spacing, equations)
+    assemble(intervals, point, age, position, equations)
     return equations
 
 

@@ -20,6 +20,7 @@ from rpms_ros.identification.estimation.prior import (
     Terms,
     added,
     scaled_inverse,
+    walk_information,
 )
 from rpms_ros.identification.estimation.settings import Problem
 from rpms_ros.identification.estimation.uncertainty import Uncertainty
@@ -35,7 +36,7 @@ from rpms_ros.identification.estimation.window_equations import (
     condensed,
     disturbance_at,
     eliminated,
-    point_at,
+    steady,
     time_scaled,
     unknowns_of,
 )
@@ -49,10 +50,10 @@ from rpms_ros.identification.model.recruitment import (
 )
 from rpms_ros.pulses import FloatArray
 
-CONSTANT = 2.0**40
-"""Distance of the knots of a muscle that does not change, in intervals."""
 INTERVAL_NS = 125_000_000
 """Length of an interval of the disturbance [ns]."""
+KNOT_INTERVALS = 40
+"""Distance of two knots of the slow change, in intervals: the unit of time of its prior."""
 # The model's error is at least this share of the force's mean square, for so many samples.
 _MODEL_ERROR = 1e-4
 _MODEL_ERROR_SAMPLES = 200.0
@@ -102,8 +103,8 @@ def noise_of(
     before: Point,
     point: Point,
     levels: FloatArray,
-    now: float,
-    spacing: float,
+    age: FloatArray,
+    position: FloatArray,
     unknowns: int,
 ) -> tuple[float, float, float]:
     """Return the variance of the residuals [N^2], and how much they are alike.
@@ -116,10 +117,8 @@ def noise_of(
         Where the equations were linearised, and after the step.
     levels : ndarray (intervals + 1,)
         Disturbance at the ends of the intervals [N].
-    now : float
-        The muscle now, in intervals from the first one's beginning.
-    spacing : float
-        Distance of the knots of gain and slowing, in intervals.
+    age, position : ndarray (intervals,)
+        See `window_equations.assemble`.
     unknowns : int
         How many were fitted.
 
@@ -130,12 +129,10 @@ def noise_of(
         ones; mean of (sum of residuals)^2 / samples in the intervals [N^2].
     """
     local = NONLINEAR + len(before.linear)
-    count = len(intervals.samples)
     total_samples = float(intervals.samples.sum())
     power = float(intervals.energy.sum()) / max(total_samples, 1.0)
-    age = np.maximum(now - (np.arange(count) + 0.5), 0.0)
-    gain = 1.0 + at_ages(point.gain, age / spacing)
-    delay = at_ages(point.slowing, age / spacing)
+    gain = 1.0 + at_ages(point.gain, position)
+    delay = at_ages(point.slowing, position)
     theta = coordinates(point.theta) - coordinates(before.theta)
     scores, squares = _left(intervals, theta, point, gain, delay, age, levels)
     total = max(float(squares.sum()), 0.0)
@@ -216,30 +213,53 @@ class Window:
         Beginning of the first block and newest sample [ns].
     length_ns : int
         Length of an interval [ns].
-    spacing : float
-        Distance of the knots of the past, in intervals.
-    knots : int
-        Number of them.
-    lag : float
-        How long after its pulse the force acts in the mean, in intervals: the newest samples show
-        the muscle as it was so long ago.
+    knots : ndarray (1 + knots,)
+        When an interval would show the muscle of now, and the knots of its past, newest first, in
+        intervals.  Force acts some time after its pulse: the newest samples show an older muscle.
+    pauses : tuple of bool (knots,)
+        Whether the muscle rested between a knot and the next newer one.
     origin : Origin
         The change of the muscle at which the window begins, if there was one.
     start : StartLevels or None
         Prior of the disturbance at the beginning.
     liveliest : int
         Last index in `LIVELINESS` that the disturbance may have.
+    changes : bool
+        Whether the muscle may change.
     """
 
     first_ns: int
     now_ns: int
     length_ns: int
-    spacing: float
-    knots: int
-    lag: float
+    knots: FloatArray
+    pauses: tuple[bool, ...]
     origin: Origin
     start: StartLevels | None = None
     liveliest: int = len(LIVELINESS) - 1
+    changes: bool = True
+
+    @property
+    def without_past(self) -> 'Window':
+        """The same without knots."""
+        return replace(self, knots=self.knots[:1], pauses=())
+
+    def walk(self) -> FloatArray:
+        """Return the prior of the slow change, see `walk_information`."""
+        lengths = -np.diff(self.knots) / KNOT_INTERVALS
+        return walk_information(tuple(lengths.tolist()), self.pauses)
+
+    def ages(self, first: int, count: int) -> tuple[FloatArray, FloatArray]:
+        """Return age and position (count,) of intervals from number `first` on.
+
+        Counted in intervals and in knots, beyond the last one as between the last two.
+        """
+        age = np.maximum(self.knots[0] - first - (np.arange(count) + 0.5), 0.0)
+        knots = self.knots[0] - self.knots
+        position = np.interp(age, knots, np.arange(len(knots)))
+        if len(knots) > 1:
+            beyond = np.maximum(age - knots[-1], 0.0)
+            position += beyond / (knots[-1] - knots[-2])
+        return age, position
 
 
 @dataclass(frozen=True)
@@ -350,7 +370,7 @@ class WindowFit:
 
 def fresh_fit(theta: FloatArray, functions: int) -> WindowFit:
     """Return a fit without data."""
-    point = point_at(theta, np.zeros(functions), 0)
+    point = steady(theta, np.zeros(functions))
     unknowns = NONLINEAR + functions + SLOPES
     return WindowFit(
         point=point,
@@ -366,19 +386,6 @@ def fresh_fit(theta: FloatArray, functions: int) -> WindowFit:
     )
 
 
-def with_knots(point: Point, knots: int) -> Point:
-    """Return the point with so many knots of the past."""
-    if len(point.gain) == knots:
-        return point
-    gain, slowing = (_resized(values, knots) for values in (point.gain, point.slowing))
-    return point._replace(gain=gain, slowing=slowing)
-
-
-def _resized(values: FloatArray, count: int) -> FloatArray:
-    last = values[-1] if len(values) else 0.0
-    return np.concatenate((values[:count], np.full(max(count - len(values), 0), last)))
-
-
 class Linearised:
     """A window linearised at a point, with its priors."""
 
@@ -387,22 +394,21 @@ class Linearised:
         intervals: Intervals,
         point: Point,
         knowledge: Knowledge,
-        now: float,
-        spacing: float,
+        window: Window,
         second_differences: FloatArray,
-        start: 'StartLevels | None',
     ) -> None:
         self.second_differences = second_differences
-        self.now = now
-        self.start = start
+        self.start = window.start
         self.intervals = intervals
         self.point = point
         self.knowledge = knowledge
-        self.equations: Equations = assembled(intervals, point, now, spacing)
+        self.ages = window.ages(int(intervals.first[0]), len(intervals.samples))
+        self.equations: Equations = assembled(intervals, point, *self.ages)
         self.samples = float(intervals.samples.sum())
         self.power = float(intervals.energy.sum()) / max(self.samples, 1.0)
         # too weak to be seen, but w is solvable where nothing has been stimulated
-        self.terms: Terms = knowledge.about(point, _RIDGE / (self.power + LEAST_ENERGY))
+        ridge = _RIDGE / (self.power + LEAST_ENERGY)
+        self.terms: Terms = knowledge.about(point, ridge, window.walk())
 
     def reduced(self, variance: float, disturbance: int) -> Reduced:
         """Eliminate the disturbance with the scale `LIVELINESS[disturbance]`.
@@ -531,7 +537,7 @@ def _grids(window: Window, knowledge: Knowledge) -> list[tuple[str, FloatArray]]
     changes = [('gain', CHANGES), ('slowing', CHANGES), ('slope', DRIFTS)]
     shape = [('size', SIZES), ('length', LENGTHS)]
     free = knowledge.any_shape and not knowledge.has_result
-    return (changes if window.spacing < CONSTANT else []) + (shape if free else [])
+    return (changes if window.changes else []) + (shape if free else [])
 
 
 def _best_scales(
@@ -642,15 +648,14 @@ def steps_at_fixed_scales(
 def _linearised(
     problem: Problem, fit: WindowFit, knowledge: Knowledge, window: Window
 ) -> Linearised:
-    fit.point = with_knots(fit.point, window.knots)
+    fit.point = fit.point.at_times(window.knots)
     point = fit.point
     first_ns, length_ns = window.first_ns, window.length_ns
     theta, linear = point.theta, point.linear
     intervals = condensed(problem, theta, linear, first_ns, length_ns, window.origin)
     first = int(intervals.first[0])
-    now = window.now_ns / window.length_ns - first + window.lag
     bends = _second_differences(fit, first, len(intervals.samples) + 1)
-    return Linearised(intervals, point, knowledge, now, window.spacing, bends, window.start)
+    return Linearised(intervals, point, knowledge, window, bends)
 
 
 def _limited(at: Linearised, solution: _Solution, step: FloatArray) -> FloatArray:
@@ -683,7 +688,7 @@ def _move(
     step = _limited(at, solution, step)
     if certain:
         _accept(fit, at, solution, step, covariance)
-        _refresh_noise(fit, at, at.point, window)
+        _refresh_noise(fit, at, at.point)
         return None
     least, rest = solution.projected()
     for _ in range(_TRIALS):
@@ -698,7 +703,7 @@ def _move(
                 _accept(fit, at, solution.with_cost(cost), step, covariance)
                 fit.point = moved(trial.point, rest_there)
                 fit.levels = disturbance_at(reduced, rest_there)
-                _refresh_noise(fit, there, trial.point, window)
+                _refresh_noise(fit, there, trial.point)
                 fit.damping *= _FALLS
                 response = slice(NONLINEAR, NONLINEAR + len(trial.point.linear))
                 changed = np.linalg.norm(rest_there[response])
@@ -710,15 +715,15 @@ def _move(
         fit.damping = min(max(fit.damping * _RISES, _LEAST_DAMPING), 1.0)
         step = _limited(at, solution, solution.damped(fit.damping))
     _accept(fit, at, solution.with_cost(least), rest, covariance)
-    _refresh_noise(fit, at, at.point, window)
+    _refresh_noise(fit, at, at.point)
     return None
 
 
-def _refresh_noise(fit: WindowFit, at: Linearised, before: Point, window: Window) -> None:
+def _refresh_noise(fit: WindowFit, at: Linearised, before: Point) -> None:
     """Estimate the variance of the residuals anew."""
     unknowns = unknowns_of(before)
     fit.variance, fit.inflation, fit.residual_spread = noise_of(
-        at.intervals, before, fit.point, fit.levels, at.now, window.spacing, unknowns
+        at.intervals, before, fit.point, fit.levels, *at.ages, unknowns
     )
 
 
@@ -760,7 +765,7 @@ def moved(point: Point, step: FloatArray) -> Point:
     functions, knots = len(point.linear), len(point.gain)
     ends = np.cumsum([NONLINEAR, functions, knots, knots])
     theta, linear, gain, slowing, slope = np.split(step, ends)
-    return Point(
+    return point._replace(
         theta=from_coordinates(coordinates(point.theta) + theta),
         linear=point.linear + linear,
         gain=point.gain + gain,

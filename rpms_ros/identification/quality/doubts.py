@@ -145,8 +145,8 @@ REASON: Mapping[str, str] = {
     'the model, pulses do not add up as in it, or the muscle changes',
     RESIDUALS_ALIKE: 'what the muscle leaves of neighbouring samples is alike, as with a '
     'sensor that filters its noise: the curve may be wrong by more than its interval',
-    DISTURBANCE_FOLLOWS: 'the disturbance runs with the intensity: an effort of the patient '
-    'cannot be told from recruitment by this schedule; pulses of random intensity tell them apart',
+    DISTURBANCE_FOLLOWS: 'the disturbance runs with the intensity, as if the patient tensed with '
+    'what is felt: a part of it may be in the curve, most of it with slow changes of intensity',
     CLOCKS_DIFFER: 'the stamps of force and pulses do not belong together',
     FORCE_WITHOUT_PULSES: 'the force goes on at the rate of the pulses where there are none',
 }

@@ -252,7 +252,9 @@ class PulseQueue:
 
     def _merge_arrived(self) -> None:
         if self._arrived:
-            self._ordered = _merge([self._ordered, *self._arrived])
+            train = PulseTrain.joined([self._ordered, *self._arrived])
+            order = np.lexsort((train.intensity, train.sequence, train.onset_ns))
+            self._ordered = train[order]
             self._arrived = []
 
     def _accept(self, onset: int, sequence: int, intensity: float) -> bool:
@@ -304,12 +306,6 @@ class PulseQueue:
             self._counter.add(faults.PULSE_LOST, step - 1)
             self.exclude(missing_from_ns, onset_ns + self._memory_ns)
         return True
-
-
-def _merge(trains: list[PulseTrain]) -> PulseTrain:
-    """Return all pulses ascending in onset, equal onsets by sequence and intensity."""
-    train = PulseTrain.joined(trains)
-    return train[np.lexsort((train.intensity, train.sequence, train.onset_ns))]
 
 
 # A stray pulse counts as late when the force has gone on at least this long [ns].

@@ -148,7 +148,8 @@ class ScheduleAction:
         self._destroyed = False
         self._server = _DeferredServer(
             node,
-            execute_callback=self._unused,
+            # never called: `conclude` ends a goal; rclpy would abort it
+            execute_callback=lambda _: RunSchedule.Result(),
             handle_accepted_callback=self._on_accepted,
             cancel_callback=self._on_cancel,
         )
@@ -233,7 +234,3 @@ class ScheduleAction:
         )
         self._server.conclude(goal, end, result)
 
-    @staticmethod
-    def _unused(goal: ServerGoalHandle) -> RunSchedule.Result:
-        goal.abort()
-        return RunSchedule.Result(reason='expected a deferred execution')

@@ -23,8 +23,7 @@ def singles(count=12, interval=1.0, start=1.0):
     random = np.random.default_rng(7)
     seconds = start + interval * np.arange(count) + random.uniform(0, 1e-3, count)
     onset = np.rint(1e9 * seconds).astype(np.int64)
-    intensity = np.resize([0.7, 0.85, 1.0], count)
-    return PulseTrain(onset, intensity, np.arange(count), np.full(count, 1e-4))
+    return PulseTrain.numbered(onset, np.resize([0.7, 0.85, 1.0], count))
 
 
 def force_of(pulses, **options):
@@ -129,9 +128,8 @@ def test_twitches_that_run_into_the_next_are_left_out():
     quick = singles(2, interval=0.42)
     slow = singles(6, start=3.0)
     pulses = PulseTrain.joined([quick, slow])
-    subject = replace(SUBJECT, time_constant=60e-3)
-    force = simulated_force(subject, pulses, 10.0)
-    found = analyze(pulses, force)
+    slower = replace(SUBJECT, time_constant=60e-3)
+    found = analyze(pulses, simulated_force(slower, pulses, 10.0))
     assert sentence(found, '2 responses overlap, the first at 1.00 s')
     assert found.twitches.rejected['not decayed when the next begins'] == 1
     assert found.twitches.rejected['begins while the one before lasts'] == 1
@@ -165,14 +163,6 @@ def test_a_sample_rate_that_changes():
     assert found.twitches.time_constant == pytest.approx(SUBJECT.time_constant, rel=0.01)
 
 
-def kept(first_ns, last_ns):
-    """Return twitches and their force, without the samples between two times."""
-    pulses = singles()
-    force = force_of(pulses)
-    part = (force.stamp_ns < first_ns) | (force.stamp_ns >= last_ns)
-    return analyze(pulses, ForceTrace(force.stamp_ns[part], force.force[part]))
-
-
 @pytest.mark.parametrize(
     ('first_ns', 'last_ns', 'reason'),
     [
@@ -180,8 +170,10 @@ def kept(first_ns, last_ns):
         (12_100_000_000, 20_000_000_000, 'recording ends within the response'),
     ],
 )
-def test_force_that_is_missing_costs_only_its_twitch(first_ns, last_ns, reason):
-    found = kept(first_ns, last_ns)
+def test_force_that_is_missing_costs_only_its_twitch(twitch_session, first_ns, last_ns, reason):
+    pulses, force = twitch_session
+    part = (force.stamp_ns < first_ns) | (force.stamp_ns >= last_ns)
+    found = analyze(pulses, ForceTrace(force.stamp_ns[part], force.force[part]))
     assert found.twitches.rejected == {reason: 1}
     assert len(found.twitches.fits) == 11
 
@@ -198,10 +190,9 @@ def test_a_force_that_never_changes_is_no_response(pulses):
     assert found.summation is None
 
 
-def test_clocks_that_differ_are_put_right():
-    pulses = singles()
-    early = replace(pulses, onset_ns=pulses.onset_ns - 7_000_000)
-    found = analyze(early, force_of(pulses))
+def test_clocks_that_differ_are_put_right(twitch_session):
+    pulses, force = twitch_session
+    found = analyze(replace(pulses, onset_ns=pulses.onset_ns - 7_000_000), force)
     assert sentence(found, 'the clocks of sensor and stimulator differ by')
     # half a sample remains unknown
     assert found.twitches.shared.latency == pytest.approx(SUBJECT.latency, abs=0.5e-3)
@@ -280,12 +271,8 @@ def test_one_rate_keeps_the_average_rate_curve():
     assert worst_error(found, average_subject()) < 0.01
 
 
-def test_few_intensities_are_refused():
+def test_few_intensities_and_no_force_are_refused():
     with pytest.raises(IdentificationError, match='at 5 intensities or more, got 2'):
         fit_field(points(average_subject(), levels=[0.5, 1.0]))
-
-
-def test_no_force_is_refused():
-    silent = [SteadyPoint(u, 20.0, -0.1, 0.0, 0) for u in LEVELS]
     with pytest.raises(IdentificationError, match=r'a force above the baseline, got -0\.1$'):
-        fit_field(silent)
+        fit_field([SteadyPoint(u, 20.0, -0.1, 0.0, 0) for u in LEVELS])

@@ -84,8 +84,7 @@ def test_too_few_samples_are_refused():
 
 def pulses(onset_s, intensity=1.0):
     onset = np.rint(np.asarray(onset_s, float) * 1e9).astype(np.int64)
-    values = np.broadcast_to(np.asarray(intensity, float), onset.shape)
-    return PulseTrain(onset, values, np.arange(len(onset)), np.full(len(onset), 1e-4))
+    return PulseTrain.numbered(onset, intensity)
 
 
 def train(start, count, rate, jitter=0.0):

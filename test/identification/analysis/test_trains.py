@@ -13,7 +13,7 @@ from hypothesis import given, strategies as st
 import rpms_ros
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.analysis import analyze
-from rpms_ros.identification.analysis.dynamics import TrainDynamics, train_dynamics
+from rpms_ros.identification.analysis.dynamics import train_dynamics
 from rpms_ros.identification.analysis.responses import Response
 from rpms_ros.identification.analysis.trains import (
     TrainLaw,
@@ -53,7 +53,7 @@ def test_equal_pulses_are_explained_by_one_twitch():
     assert fit.baseline == pytest.approx(1.0, abs=1e-3)
 
 
-def test_unequal_pulses_need_a_gain_each():
+def test_unequal_pulses_need_a_gain_each_and_none_is_negative():
     gains = [1.0, 2.5, 1.5, 0.5]
     train = response(4, gains=gains)
     equal = fit_train(train, 3)
@@ -61,9 +61,6 @@ def test_unequal_pulses_need_a_gain_each():
     assert equal.fit < 95
     assert each.fit > 99.9
     assert each.gains == pytest.approx(gains, rel=0.02)
-
-
-def test_no_gain_is_negative():
     train = response(4, gains=[1.0, -0.5, 1.0, 1.0])
     assert (fit_gains(train, 3, fit_train(train, 3)).gains >= 0).all()
 
@@ -88,10 +85,11 @@ def test_a_law_without_history_is_the_linear_sum():
     assert train_shape(train, 3, law, LATENCY, CONSTANT) == pytest.approx(linear, abs=2e-4)
 
 
+LAW = TrainLaw(2.5, 1.8, 0.6, 0.08, 0.008)
+
+
 def test_a_law_learned_on_short_trains_tells_longer_ones():
-    law = TrainLaw(2.5, 1.8, 0.6, 0.08, 0.008)
-    taught = [response(count, 50.0, law=law, noise=5e-3) for count in (2, 4, 6)]
-    longer = response(9, 50.0, law=law, noise=5e-3)
+    *taught, longer = (response(count, law=LAW, noise=5e-3) for count in (2, 4, 6, 9))
     found = fit_history(taught, [fit_train(train, 3) for train in taught], 3)
     judged = fit_train(longer, 3, found)
     assert fit_train(longer, 3).fit < 95
@@ -105,8 +103,7 @@ def test_trains_of_two_pulses_teach_no_law():
 
 
 def test_the_longest_trains_judge_the_law():
-    law = TrainLaw(2.5, 1.8, 0.6, 0.08, 0.008)
-    trains = [response(count, law=law, noise=5e-3) for count in (3, 6, 6, 4)]
+    trains = [response(count, law=LAW, noise=5e-3) for count in (3, 6, 6, 4)]
     found = analyze_trains(trains, 3, {'sensor saturated': 1})
     assert [train.held_out for train in found.trains] == [False, True, True, False]
     assert found.mean_fit('law', held_out=True) > found.mean_fit('equal', held_out=True)
@@ -125,22 +122,11 @@ def test_trains_of_one_length_have_no_judge_and_doublets_no_law(count):
 
 FOLDER = Path(os.environ.get('RPMS_RECORDINGS', Path(__file__).parents[3] / '../shared/data'))
 TRIALS = sorted((FOLDER / 'rat_gastrocnemius').glob('*.csv'))
-GATE_VOLTS = 4.0
-
-
-def rat_response(path):
-    time, _, gate, force = np.loadtxt(path, delimiter=',', skiprows=1, usecols=range(4)).T
-    high = gate > GATE_VOLTS
-    onset = time[1:][high[1:] & ~high[:-1]]
-    part = (time >= onset[0] - 0.05) & (time < onset[-1] + 0.5)
-    lag = time[part] - onset[0]
-    usable = np.ones(len(lag), dtype=np.bool_)
-    return Response(onset - onset[0], lag, force[part], usable, np.nan, np.nan)
 
 
 @pytest.mark.skipif(not TRIALS, reason=f'no recordings in {FOLDER} (set RPMS_RECORDINGS)')
-def test_trains_of_a_rat_are_explained():
-    found = analyze_trains([rat_response(path) for path in TRIALS], 3)
+def test_trains_of_a_rat_are_explained(rat_train):
+    found = analyze_trains([rat_train(path) for path in TRIALS], 3)
     counts = [len(train.response.onset) for train in found.trains]
     assert sorted(counts) == [4] * 8 + [7] * 8 + [10] * 8
     assert found.mean_fit('equal') >= 90.0
@@ -173,22 +159,13 @@ def trains(count, seed, noise=1e-4, first=1.0) -> tuple[PulseTrain, ForceTrace]:
     weight = np.where(np.arange(8 * count) % 8 == 0, first, 1.0)
     force = GAIN * twitch(lag, FAST, 3) @ weight
     force += noise * random.standard_normal(len(force))
-    pulses = PulseTrain(
-        np.rint(1e9 * onset).astype(np.int64),
-        np.full(len(onset), 0.8),
-        np.arange(len(onset)),
-        np.full(len(onset), 1e-4),
-    )
+    pulses = PulseTrain.numbered(np.rint(1e9 * onset).astype(np.int64), 0.8)
     return pulses, ForceTrace(np.rint(1e9 * stamp).astype(np.int64), force)
-
-
-def found_in(pulses, forces) -> TrainDynamics:
-    return train_dynamics(analyze(pulses, forces))
 
 
 @pytest.mark.parametrize('count', [1, 3])
 def test_equal_pulses_are_found_at_their_own_rate(count):
-    found = found_in(*trains(count, seed=1))
+    found = train_dynamics(analyze(*trains(count, seed=1)))
     assert (found.trains, found.pulses, found.model) == (count, 8 * count, 'equal pulses')
     assert found.rate_hz == pytest.approx(RATE, rel=1e-6)
     # noise is 1e-4 of the force: what is left is the search's own tolerance
@@ -202,7 +179,7 @@ def test_equal_pulses_are_found_at_their_own_rate(count):
 def test_the_intervals_hold_the_truth():
     inside = {'twitch_time_constant_s': 0, 'latency_s': 0}
     for seed in range(20):
-        found = found_in(*trains(1, seed, noise=0.02))
+        found = train_dynamics(analyze(*trains(1, seed, noise=0.02)))
         for name, true in (('twitch_time_constant_s', FAST), ('latency_s', SOON)):
             stated = getattr(found, name)
             inside[name] += stated.lower <= true <= stated.upper
@@ -214,7 +191,7 @@ def test_the_intervals_hold_the_truth():
 
 def test_the_intervals_hold_the_truth_if_pulses_are_not_quite_equal():
     # as after a pause, at 20 Hz for instance; the model of equal pulses is the better of the two
-    found = found_in(*trains(6, seed=3, noise=0.02, first=1.04))
+    found = train_dynamics(analyze(*trains(6, seed=3, noise=0.02, first=1.04)))
     assert found.model == 'equal pulses'
     for name, true in (('twitch_time_constant_s', FAST), ('latency_s', SOON)):
         stated = getattr(found, name)
@@ -227,36 +204,34 @@ def test_recordings_without_a_train_have_none():
     assert train_dynamics(analyze(pulses[:1], forces)) is None
 
 
-def seen(force, lag) -> Response:
-    usable = np.ones(len(lag), dtype=np.bool_)
-    return Response(np.zeros(1), lag, force, usable, 1.0, np.nan)
+SEEN = np.arange(-100, 400) / 2000
+NOISE = np.random.default_rng(2).standard_normal(len(SEEN))
+
+
+def seen(force) -> Response:
+    return Response(np.zeros(1), SEEN, force, np.ones(len(SEEN), dtype=np.bool_), 1.0, np.nan)
 
 
 def test_the_onset_is_that_of_the_force_and_no_single_outlier():
-    lag = np.arange(-100, 400) / 2000
-    noise = 1e-3 * np.random.default_rng(2).standard_normal(len(lag))
-    force = np.maximum(lag - 0.020, 0.0) + noise
+    force = np.maximum(SEEN - 0.020, 0.0) + 1e-3 * NOISE
     force[130] += 1.0
-    lower, upper = force_onset(seen(force, lag))
+    lower, upper = force_onset(seen(force))
     # a slope of 1 N/s passes 4 deviations, 4 mN, 4 ms later, and lies above the baseline soon
     assert lower < 0.020 + 1e-3
     assert 0.020 < upper < 0.020 + 6e-3
 
 
 def test_noise_hides_an_onset():
-    lag = np.arange(-100, 400) / 2000
-    noise = np.random.default_rng(2).standard_normal(len(lag))
-    assert force_onset(seen(noise, lag)) is None
-    assert force_onset(seen(np.zeros(len(lag)), lag)) is None
-    blind = replace(seen(noise, lag), usable=lag > 0.0)
-    assert force_onset(blind) is None
+    blind = replace(seen(NOISE), usable=SEEN > 0.0)
+    for response in (seen(NOISE), seen(np.zeros(len(SEEN))), blind):
+        assert force_onset(response) is None
 
 
 @pytest.mark.skipif(not TRIALS, reason=f'no recordings in {FOLDER} (set RPMS_RECORDINGS)')
 @pytest.mark.parametrize('trial', TRIALS[::5], ids=lambda path: path.stem)
 def test_real_force_leaves_its_baseline_within_four_milliseconds(trial):
     session = rpms_ros.load(trial, columns=COLUMNS)
-    found = found_in(session.pulses, session.force)
+    found = train_dynamics(analyze(session.pulses, session.force))
     assert found.model == 'history law'
     assert found.fit_percent > 94.0
     assert 2.5e-3 <= found.onset_s.value <= 4.5e-3

@@ -50,11 +50,6 @@ def test_derivatives_of_the_shape_are_the_central_differences(lag, constant, ord
     assert to_order == pytest.approx((up - down) / (2 * step), abs=1e-6)
 
 
-def fit(force, start, free=2):
-    count = len(force) // len(LAG)
-    return shared_fit(np.tile(LAG, count), force, np.arange(count + 1) * len(LAG), start, free)
-
-
 @given(
     onset=st.floats(5e-3, 25e-3),
     constant=st.floats(15e-3, 60e-3),
@@ -65,7 +60,8 @@ def fit(force, start, free=2):
 @settings(max_examples=30)
 def test_a_clean_twitch_is_found_exactly(onset, constant, order, peak, base):
     force = base + peak * twitch(LAG - onset, constant, order)
-    found = fit(force, coarse_start(LAG, force, float(order)))
+    start = coarse_start(LAG, force, float(order))
+    found = shared_fit(LAG, force, np.array([0, len(LAG)]), start, 2)
     # the search ends when a step promises less than 1e-9 of the error: far below a microsecond
     assert found.theta[0] == pytest.approx(onset, abs=1e-6)
     assert np.exp(found.theta[1]) == pytest.approx(constant, rel=1e-4)
@@ -127,9 +123,8 @@ def test_a_higher_order_that_explains_no_more_is_not_taken():
 
 
 def test_the_onset_lies_where_an_artifact_ends_and_the_twitch_begins():
-    force = twitch(LAG - 0.0105, 0.038) + np.where(LAG >= 0, np.exp(-LAG / 5e-4), 0.0)
     # the artifact falls until eight samples after its maximum, where the rise takes over
-    assert crossing_onset(LAG, force, 9) == pytest.approx(0.0085, abs=1.5e-3)
+    assert crossing_onset(LAG, marked(LAG).force, 9) == pytest.approx(0.0085, abs=1.5e-3)
 
 
 def test_rows_of_latencies_are_intensities_with_mean_spread_and_number():

@@ -9,7 +9,6 @@ import pytest
 
 from rpms_ros.identification import estimator_by_name
 from rpms_ros.identification.estimation.basis_choice import BasisSchedule, Search
-from rpms_ros.identification.estimation.batch import BatchEstimator
 from rpms_ros.identification.model.basis import LaguerreBasis
 from rpms_ros.muscle import simulation_subject
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
@@ -25,30 +24,6 @@ def recording(living_sessions, order, time_constant, latency, excitation):
     return living_sessions.session('steady', excitation, 2, 20.0, muscle)
 
 
-def fed(estimator, what, sizes=20_000) -> BatchEstimator:
-    """Hand a recording over in blocks of samples."""
-    given = 0
-    for first in range(0, len(what.stamp_ns), sizes):
-        part = slice(first, first + sizes)
-        stamps = what.stamp_ns[part]
-        high = int(np.searchsorted(what.onset_ns, stamps[-1]))
-        estimator.add_pulses(what.onset_ns[given:high], what.intensity[given:high])
-        given = high
-        estimator.update(stamps, what.force[part], np.ones(len(stamps), dtype=np.bool_))
-    return estimator
-
-
-def batch(preset='people') -> BatchEstimator:
-    estimator = estimator_by_name('batch', preset)
-    assert isinstance(estimator, BatchEstimator)
-    return estimator
-
-
-def curve_error(found, what) -> float:
-    truth = what.curve[-1]
-    return float(np.abs(found.curve_force - truth).max() / truth.max())
-
-
 @pytest.mark.long
 @pytest.mark.parametrize('excitation', ['random', 'sinusoid'])
 @pytest.mark.parametrize(('order', 'time_constant', 'latency'), MUSCLES)
@@ -56,9 +31,9 @@ def test_the_curve_is_right_whatever_the_dynamics(
     living_sessions, order, time_constant, latency, excitation
 ):
     what = recording(living_sessions, order, time_constant, latency, excitation)
-    found = fed(batch(), what).estimate(0, {})
+    found = what.fit(estimator_by_name('batch'))
     # the aim for people; 0.5 % noise over 20 s alone leaves about 0.05 %
-    assert curve_error(found, what) < 0.005
+    assert what.curve_error(found) < 0.005
     physiology = dict(zip(found.physiology_names, found.physiology, strict=True))
     # latency, order and T_a compensate each other where a slow sinusoid hardly excites the twitch
     place = found.physiology_names.index('latency_s')
@@ -80,8 +55,8 @@ def test_of_bases_that_only_noise_tells_apart_none_at_the_edge_is_taken(
     held = []
     for seed in range(3, 7):
         what = living_sessions.session('steady', 'sinusoid', seed, 18.0, muscle)
-        found = fed(batch(), what).estimate(0, {})
-        assert curve_error(found, what) < 0.005
+        found = what.fit(estimator_by_name('batch'))
+        assert what.curve_error(found) < 0.005
         lower, upper = found.physiology_lower[:3], found.physiology_upper[:3]
         # where the data do not tell the twitch, nothing is stated
         held.append(len(lower) and ((lower <= truth) & (truth <= upper)).all())
@@ -94,54 +69,55 @@ def test_a_recording_that_tells_nothing_of_the_dynamics_leaves_the_functions_of_
 ):
     what = living_sessions.session('steady', 'sinusoid', 1, 18.0)
     noise = np.random.default_rng(1).normal(scale=0.05, size=len(what.force))
-    found = fed(batch(), what._replace(force=noise))
-    found.estimate(0, {})
-    assert found._basis == found.settings.basis
+    estimator = estimator_by_name('batch')
+    what._replace(force=noise).fit(estimator)
+    assert estimator._basis == estimator.settings.basis
 
 
 def test_a_preset_of_the_paper_sets_the_basis(living_sessions):
     what = recording(living_sessions, *MUSCLES[3], 'random')
-    told = fed(batch('paper_table_4'), what)
+    told = estimator_by_name('batch', 'paper_table_4')
     assert told.settings.basis == LaguerreBasis(7, 38e-3, 0.0)
     # seven functions of 38 ms that begin at once miss a twitch of 10 ms after 24 ms
-    assert curve_error(told.estimate(0, {}), what) > 0.005
+    assert what.curve_error(what.fit(told)) > 0.005
 
 
 def test_how_a_recording_is_cut_into_blocks_changes_no_bit(living_sessions):
     what = recording(living_sessions, *MUSCLES[2], 'random')
-    whole, cut = (fed(batch(), what, sizes).estimate(0, {}) for sizes in (20_000, 137))
+    whole, pieces = what.fit(estimator_by_name('batch')), estimator_by_name('batch')
+    for first in range(0, 20_000, 137):
+        what.feed(pieces, 1e-3 * first, 1e-3 * (first + 137))
+    cut = pieces.estimate(0, {})
     assert whole.curve_force.tobytes() == cut.curve_force.tobytes()
     assert whole.response_force.tobytes() == cut.response_force.tobytes()
 
 
 def test_a_jump_of_the_clock_loses_the_pulses_that_acted_and_nothing_else(living_sessions):
     what = recording(living_sessions, *MUSCLES[3], 'random')
-    estimator = fed(batch(), what)
+    estimator = estimator_by_name('batch')
+    what.feed(estimator)
     estimator.forget_pulses()
-    back = replace_times(what, -3600 * NANOSECONDS_PER_SECOND)
+    hour_ns = 3600 * NANOSECONDS_PER_SECOND
+    back = what._replace(onset_ns=what.onset_ns - hour_ns, stamp_ns=what.stamp_ns - hour_ns)
     # the first second has force of pulses from before
-    late = slice(1000, None)
     estimator.add_pulses(back.onset_ns, back.intensity)
     usable = np.ones(len(back.stamp_ns), dtype=np.bool_)
     usable[:1000] = False
     estimator.update(back.stamp_ns, back.force, usable)
     found = estimator.estimate(0, {})
-    assert found.samples == len(what.stamp_ns) + len(back.stamp_ns[late])
-    assert curve_error(found, what) < 0.005
-
-
-def replace_times(what, by_ns):
-    return what._replace(onset_ns=what.onset_ns + by_ns, stamp_ns=what.stamp_ns + by_ns)
+    assert found.samples == 2 * len(what.stamp_ns) - 1000
+    assert what.curve_error(found) < 0.005
 
 
 @pytest.mark.long
 def test_a_long_rest_at_the_end_does_not_choose_the_basis(living_sessions):
     what = recording(living_sessions, *MUSCLES[3], 'random')
-    estimator = fed(batch(), what)
+    estimator = estimator_by_name('batch')
+    what.feed(estimator)
     rest_ns = what.stamp_ns[-1] + np.arange(1, 120_000, dtype=np.int64) * 1_000_000
     noise = np.random.default_rng(1).normal(scale=0.05, size=len(rest_ns))
     estimator.update(rest_ns, noise, np.ones(len(rest_ns), dtype=np.bool_))
-    assert curve_error(estimator.estimate(0, {}), what) < 0.005
+    assert what.curve_error(estimator.estimate(0, {})) < 0.005
 
 
 SECOND = 1_000_000_000

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rpms_ros.identification import FixedSizeRecursion
 from rpms_ros.identification.estimation.batch import BatchEstimator
 from rpms_ros.identification.estimation.settings import ProjectionSettings
 from rpms_ros.identification.estimation.tracking import TrackingEstimator, TrackingSettings
@@ -48,28 +49,24 @@ def test_wide_starts_end_at_the_right_minimum(start, recorded):
     assert take.curve_error(take.fit(BatchEstimator(settings))) < 0.01
 
 
-def test_changing_rate_is_one_model():
+def test_changing_rate_is_one_model(recorded):
     """The weight of a pulse follows its rate: 15, 20 and 30 Hz in one recording."""
     generator = np.random.default_rng(0)
     rate = np.repeat([15.0, 30.0, 20.0], 60)
     onset = np.cumsum(1e9 / rate).astype(np.int64)
     intensity = generator.uniform(0, 1, len(onset))
-    muscle = average_subject()
-    contraction = Contraction(muscle)
+    contraction = Contraction(average_subject())
     contraction.add_pulses(onset, intensity)
-    stamp = np.arange(9_000, dtype=np.int64) * 1_000_000
-    force = contraction.force(stamp)
-    errors = []
-    for by_rate in (ProjectionSettings().by_rate, None):
-        settings = ProjectionSettings(basis=LaguerreBasis(7, 38e-3, 9e-3), by_rate=by_rate)
-        estimator = BatchEstimator(settings)
-        estimator.add_pulses(onset, intensity)
-        estimator.update(stamp, force, np.ones(len(stamp), dtype=bool))
-        curve = muscle.steady_force(estimator.estimate(0, {}).curve_intensity, 20.0)
-        curve -= curve[0]
-        found = estimator.estimate(0, {}).curve_force
-        errors.append(np.abs(found - curve).max() / curve.max())
-    with_rate, without = errors
+    take = recorded(9.0, subject=average_subject())
+    force = contraction.force(take.stamp_ns)
+    take = take._replace(onset_ns=onset, intensity=intensity, force=force)
+    basis = LaguerreBasis(7, 38e-3, 9e-3)
+    with_rate, without = (
+        take.curve_error(
+            take.fit(BatchEstimator(ProjectionSettings(basis=basis, by_rate=by_rate)))
+        )
+        for by_rate in (ProjectionSettings().by_rate, None)
+    )
     assert with_rate < 2e-3
     assert without > 10 * with_rate
 
@@ -89,7 +86,7 @@ def test_a_rest_erases_nothing(recorded, silence):
 def outcome(take):
     """Return the estimate after a recording, every number of it finite."""
     estimator = BatchEstimator(SETTINGS)
-    prediction = take.feed(estimator, block=500)
+    prediction = take.feed(estimator, cuts=range(500, len(take.force), 500))
     assert np.isfinite(prediction).all()
     estimate = estimator.estimate(int(take.stamp_ns[-1]), {})
     for field in dataclasses.fields(estimate):
@@ -152,8 +149,9 @@ def test_step_of_the_baseline(recorded):
     assert (estimate.curve_upper - estimate.curve_force).max() > 0.05 * take.curve.max()
 
 
-def test_nothing_at_all():
-    estimate = BatchEstimator(SETTINGS).estimate(0, {})
+@pytest.mark.parametrize('build', [BatchEstimator, TrackingEstimator, FixedSizeRecursion])
+def test_nothing_at_all(build):
+    estimate = build().estimate(0, {})
     assert estimate.samples == 0
     assert estimate.confidence == 0.0
     assert not estimate.curve_known
@@ -174,9 +172,7 @@ SECOND_NS = 1_000_000_000
 
 def session_of(estimator, take, kept):
     """Return the session of an estimator over the samples that are kept."""
-    count = len(take.onset_ns)
-    order = np.arange(count, dtype=np.int64)
-    pulses = PulseTrain(take.onset_ns, take.intensity, order, np.zeros(count))
+    pulses = PulseTrain.numbered(take.onset_ns, take.intensity)
     return identify(estimator, pulses, ForceTrace(take.stamp_ns[kept], take.force[kept]))
 
 

@@ -18,6 +18,7 @@ from rpms_ros.identification.estimation.window_equations import (
     time_scale_derivative,
     time_scaled,
 )
+from rpms_ros.identification.estimation.window_fit import Window
 from rpms_ros.identification.model.basis import LaguerreBasis
 from rpms_ros.identification.model.recruitment import (
     DEVIATION,
@@ -61,23 +62,15 @@ def regressors(take, theta):
     return total
 
 
-@pytest.fixture(name='prepared', scope='module')
-def prepared_fixture(recorded):
+def test_equal_those_of_a_loop_over_samples(recorded):
     take = recorded(1.5, seed=3)
     # intervals of 32 to 68 ms: both kinds of weight
-    take.onset_ns[:] += np.random.default_rng(1).integers(
-        -9_000_000, 9_000_000, len(take.onset_ns)
-    )
+    moved_ns = np.random.default_rng(1).integers(-9_000_000, 9_000_000, len(take.onset_ns))
+    take.onset_ns[:] += moved_ns
     take.onset_ns[0] = 1_000
-    estimator = TrackingEstimator(
-        TrackingSettings(basis=BASIS, choose_basis=False, step_period=100.0)
-    )
+    settings = TrackingSettings(basis=BASIS, choose_basis=False, step_period=100.0)
+    estimator = TrackingEstimator(settings)
     take.feed(estimator)
-    return take, estimator
-
-
-def test_equal_those_of_a_loop_over_samples(prepared):
-    take, estimator = prepared
     theta = theta_of(2)
     still = no_change(BASIS.functions)
     whole = condensed(estimator._problem, theta, LINEAR, 0, WHOLE_NS, still)
@@ -107,16 +100,17 @@ def test_the_paper_s_form_has_no_deviation():
     assert all((start[DEVIATION] == 0.0).all() for start in starts)
 
 
-FUNCTIONS, INTERVALS, SAMPLES, KNOTS = 6, 9, 60, 2
+FUNCTIONS, INTERVALS, SAMPLES, KNOTS, FIRST = 6, 9, 60, 2, 100
 LOCAL = NONLINEAR + FUNCTIONS
-SPACING, VARIANCE = 3.0, 0.04
+# the newest distance of knots is shorter, as that since a pause
+AGES, VARIANCE = np.array([0.0, 2.0, 5.0]), 0.04
 
 
 def past(knots, age):
     """Return a line between 0 now and the knots; beyond the last one it goes on."""
     values = np.concatenate(([0.0], knots))
-    first = min(int(age / SPACING), KNOTS - 1)
-    part = age / SPACING - first
+    first = 0 if age < AGES[1] else 1
+    part = (age - AGES[first]) / (AGES[first + 1] - AGES[first])
     return (1.0 - part) * values[first] + part * values[first + 1]
 
 
@@ -138,12 +132,15 @@ class Written:
             gain=np.array([0.1, 0.25]),
             slowing=np.array([-0.05, -0.08]),
             slope=np.array([1e-3, -2e-3]),
+            times=FIRST + INTERVALS - AGES,
         )
         self.now = float(INTERVALS)
+        window = Window(0, 0, 1, self.point.times, (False, False), no_change(FUNCTIONS))
+        self.ages = window.ages(FIRST, INTERVALS)
 
     def intervals(self):
         """Return what the estimator keeps of it; the fifth interval holds no sample."""
-        found = empty_intervals(INTERVALS, FUNCTIONS, 100)
+        found = empty_intervals(INTERVALS, FUNCTIONS, FIRST)
         for index in range(INTERVALS):
             columns, force = self.columns[index], self.force[index]
             found.gram[index] = columns.T @ columns
@@ -215,7 +212,7 @@ def test_the_equations_are_those_of_all_samples(seed):
     stiffness = generator.uniform(1.0, 100.0, INTERVALS + 1)
     level = np.full(INTERVALS + 1, 0.01)
     about = generator.standard_normal(INTERVALS + 1)
-    equations = assembled(written.intervals(), written.point, written.now, SPACING)
+    equations = assembled(written.intervals(), written.point, *written.ages)
     reduced = eliminated(equations, VARIANCE, stiffness, level, about)
     information, gradient, cost, levels, step = dense(written, stiffness, level, about)
     # the dense Jacobian is by differences: about 1e-8 of its entries

@@ -76,21 +76,13 @@ def test_physiology_is_read_off_the_response(time_constant, latency, recorded):
     assert ((lower <= estimate.physiology) & (estimate.physiology <= upper)).all()
 
 
-def fitted(what):
-    """Return a batch fit of a session, and its estimate."""
-    estimator = estimator_by_name('batch')
-    estimator.add_pulses(what.onset_ns, what.intensity)
-    estimator.update(what.stamp_ns, what.force, np.ones(len(what.stamp_ns), dtype=np.bool_))
-    return estimator, estimator.estimate(int(what.stamp_ns[-1]), {})
-
-
 @pytest.mark.long
 @pytest.mark.parametrize('excitation', ['random', 'sinusoid'])
 def test_a_steady_muscle_is_constant_under_a_sensor_that_drifts(living_sessions, excitation):
     what = living_sessions.session('steady', excitation, 0, 30.0)
     drift = 0.3 * np.sin(1e-9 * what.stamp_ns * 2.0 * np.pi / 60.0)
-    estimator, estimate = fitted(what._replace(force=what.force + drift))
-    assert estimate.doubts == ()
+    estimator = estimator_by_name('batch')
+    assert what._replace(force=what.force + drift).fit(estimator).doubts == ()
     # bench/constant_muscle.py: 0.5 % at the most, limit 1 %.
     assert estimator.unexplained[:, 0].max() < 0.01
 
@@ -103,7 +95,8 @@ def test_a_steady_muscle_is_constant_under_a_sensor_that_drifts(living_sessions,
 def test_a_muscle_that_changed_is_said_not_to_be_constant(
     living_sessions, kind, seconds, excitation
 ):
-    _, estimate = fitted(living_sessions.session(kind, excitation, 0, seconds))
+    what = living_sessions.session(kind, excitation, 0, seconds)
+    estimate = what.fit(estimator_by_name('batch'))
     assert NO_CONSTANT_MUSCLE in estimate.doubts
     assert REASON[NO_CONSTANT_MUSCLE] in estimate.reasons
 
@@ -112,11 +105,8 @@ def test_a_muscle_that_changed_is_said_not_to_be_constant(
 def test_a_clock_that_jumps_back_is_no_change_of_the_muscle(living_sessions):
     what = living_sessions.session('steady', 'random', 0, 30.0)
     estimator = estimator_by_name('batch')
-    half = len(what.stamp_ns) // 2
-    pulses = what.onset_ns < what.stamp_ns[half]
     for _ in range(2):
-        estimator.add_pulses(what.onset_ns[pulses], what.intensity[pulses])
-        estimator.update(what.stamp_ns[:half], what.force[:half], np.ones(half, dtype=np.bool_))
+        what.feed(estimator, last_s=15.0)
         estimator.forget_pulses()
     assert estimator.estimate(0, {}).doubts == ()
     assert len(estimator.unexplained) > 3
@@ -138,7 +128,7 @@ def test_the_first_rise_of_a_sinusoid_raises_no_doubt(league, muscle, seed):
 @pytest.mark.long
 def test_pulses_that_do_not_add_up_as_in_the_model_are_doubted(league):
     """Units that sum by calcium: 99.99 % are explained, and the curve is wrong by its band."""
-    (time, force, onset, intensity), truth = league.session('ding', 'sinusoid', 0)
+    (time, force, onset, intensity), truth = league.session('ding', 'sinusoid', 1)
     found = rpms_ros.from_arrays(time, force, onset, intensity).identify()
     last = found.estimates.last
     assert np.abs(last.curve_force - truth).max() > 0.02 * truth.max()
@@ -195,12 +185,9 @@ def test_intervals_hold_the_curve_of_a_muscle_that_the_functions_do_not_fit(
 ):
     muscle = replace(simulation_subject(), latency=latency, time_constant=time_constant)
     what = living_sessions.session('steady', 'random', 1, 24.0, muscle)
-    estimator = fixed_basis(name)
-    estimator.add_pulses(what.onset_ns, what.intensity)
-    estimator.update(what.stamp_ns, what.force, np.ones(len(what.force), dtype=bool))
-    estimate = estimator.estimate(0, {})
+    estimate = what.fit(fixed_basis(name))
     truth = what.curve[-1]
-    error = np.abs(estimate.curve_force - truth).max()
+    error = what.curve_error(estimate) * truth.max()
     half = 0.5 * (estimate.curve_upper - estimate.curve_lower).max()
     # Without what is missing half of the interval is a quarter to a half of the error.
     assert error < half < 8.0 * error
@@ -212,10 +199,7 @@ def test_intervals_hold_the_curve_of_a_muscle_that_the_functions_do_not_fit(
 @pytest.mark.parametrize('name', NAMES)
 def test_intervals_of_a_muscle_that_fits_stay_narrow(living_sessions, name):
     what = living_sessions.session('steady', 'random', 2, 24.0)
-    estimator = fixed_basis(name)
-    estimator.add_pulses(what.onset_ns, what.intensity)
-    estimator.update(what.stamp_ns, what.force, np.ones(len(what.force), dtype=bool))
-    estimate = estimator.estimate(0, {})
+    estimate = what.fit(fixed_basis(name))
     # Noise of 0.5 % over 20 s leaves 0.05 % of the curve, one standard deviation.
     half = 0.5 * (estimate.curve_upper - estimate.curve_lower).max()
     assert half < 0.003 * what.curve[-1].max()

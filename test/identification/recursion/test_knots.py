@@ -130,16 +130,6 @@ def test_a_baseline_that_drifts_far_is_forgotten():
     np.testing.assert_allclose(memory.energy[0], before, rtol=1e-6)
 
 
-INTENSITY = np.linspace(0.0, 1.0, 301)
-
-
-def weights() -> np.ndarray:
-    rows = np.empty((len(INTENSITY), KNOTS))
-    for row, intensity in zip(rows, INTENSITY, strict=True):
-        interpolate(intensity, row)
-    return rows
-
-
 def test_intensities_beyond_the_range_count_as_its_ends():
     beyond, end = np.empty(KNOTS), np.empty(KNOTS)
     interpolate(1.3, beyond)
@@ -150,7 +140,10 @@ def test_intensities_beyond_the_range_count_as_its_ends():
 
 
 def test_curves_of_people_are_met():
-    rows = weights()
+    every_intensity = np.linspace(0.0, 1.0, 301)
+    rows = np.empty((301, KNOTS))
+    for row, intensity in zip(rows, every_intensity, strict=True):
+        interpolate(intensity, row)
     errors = []
     for seed in range(200):
         shape = random_subject(np.random.default_rng(seed)).recruitment
@@ -159,7 +152,7 @@ def test_curves_of_people_are_met():
         )
         values = np.empty((5, KNOTS))
         recruitment_at_knots(theta, values)
-        curve = identified_recruitment(RecruitmentParameters(*theta), INTENSITY)
+        curve = identified_recruitment(RecruitmentParameters(*theta), every_intensity)
         errors.append(np.abs(rows @ values[0] - curve).max() / curve.max())
     # As the module says.
     assert max(errors) < 2.5e-3
