@@ -233,4 +233,3 @@ class ScheduleAction:
             coil_energy=float(run.energy_j),
         )
         self._server.conclude(goal, end, result)
-
