@@ -73,6 +73,7 @@ from rpms_ros.identification.model.recruitment import (
 )
 from rpms_ros.identification.quality.doubts import (
     DISTURBANCE_FOLLOWS,
+    NOT_ISOMETRIC,
     PULSES_TOO_FREQUENT,
     RESIDUALS_ALIKE,
     doubted,
@@ -90,6 +91,9 @@ _LIVELY = 6
 # which is 1.1 at most once it is known: a lively disturbance then takes up what is the muscle's.
 _DOUBTED_INFLATION = 1.5
 _WIDE = 0.05
+# The gain follows the disturbance by this share: bench/league.py, `length`, has 5 to 8 %, a held
+# muscle 0.4 %.
+_SWING = 0.03
 # The disturbance counts as following the intensity if its course in the last 1.5 s, smoothed over
 # so many intervals and as many apart, explains this share of its variance, and moves it by this
 # share of the force at full intensity; in less than twenty seconds any course does.
@@ -142,7 +146,8 @@ def described_fit(
     # neighbouring residuals are alike, and more than the model's own error
     alike = fit.inflation > _DOUBTED_INFLATION * fit.colour
     alike = alike and fit.misfit * fit.weighting_variance > 0.5 * fit.variance
-    return doubted(described, {RESIDUALS_ALIKE: alike, DISTURBANCE_FOLLOWS: follows})
+    doubts = {RESIDUALS_ALIKE: alike, DISTURBANCE_FOLLOWS: follows}
+    return doubted(described, doubts | {NOT_ISOMETRIC: fit.swing > _SWING})
 
 
 def follows_intensity(problem: Problem, fit: WindowFit, full: float) -> bool:

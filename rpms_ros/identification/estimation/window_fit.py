@@ -106,8 +106,8 @@ def noise_of(
     age: FloatArray,
     position: FloatArray,
     unknowns: int,
-) -> tuple[float, float, float]:
-    """Return the variance of the residuals [N^2], and how much they are alike.
+) -> tuple[float, float, float, float]:
+    """Return the variance of the residuals [N^2], how much they are alike, and the gain's swing.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def noise_of(
     -------
     tuple
         Variance; factor of at least 1 by which neighbouring residuals tell less than independent
-        ones; mean of (sum of residuals)^2 / samples in the intervals [N^2].
+        ones; mean of (sum of residuals)^2 / samples in the intervals [N^2]; see `_gain_swing`.
     """
     local = NONLINEAR + len(before.linear)
     total_samples = float(intervals.samples.sum())
@@ -140,6 +140,7 @@ def noise_of(
     floor = _MODEL_ERROR_SAMPLES * _MODEL_ERROR * power
     variance = (total + floor) / freedom + LEAST_ENERGY
     some = intervals.samples > 0.0
+    swing = _gain_swing(intervals, scores, point.linear, levels, variance)
     sums = scores[some, local:].sum(axis=1)
     spread = float(np.mean(sums**2 / intervals.samples[some]))
     scores = (gain[:, None] * scores)[some, :local]
@@ -151,7 +152,60 @@ def noise_of(
     scale = 1.0 / np.sqrt(np.maximum(np.diag(steady), 1e-300))
     scaled = steady * np.outer(scale, scale) + 1e-6 * np.eye(local)
     ratio = np.trace(np.linalg.solve(scaled, scatter * np.outer(scale, scale)))
-    return variance, max(1.0, float(ratio) / (local * variance)), spread
+    return variance, max(1.0, float(ratio) / (local * variance)), spread, swing
+
+
+def _gain_swing(
+    intervals: Intervals,
+    scores: FloatArray,
+    linear: FloatArray,
+    levels: FloatArray,
+    variance: float,
+) -> float:
+    """Return by how much the gain follows the disturbance (share, standard deviation).
+
+    The length of a muscle that is not held moves its passive force, a disturbance, and its active
+    one.  Within an interval the ripple of the pulses tells the gain, whatever the disturbance is.
+
+    Parameters
+    ----------
+    intervals : Intervals
+        Where the equations were linearised.
+    scores : ndarray (intervals, columns)
+        Of what is left, see `_left`.
+    linear : ndarray (functions,)
+        w.
+    levels : ndarray (intervals + 1,)
+        Disturbance at the ends of the intervals [N].
+    variance : float
+        Of the noise [N^2].
+
+    Returns
+    -------
+    float
+        0 where it may be by chance.
+    """
+    number = np.flatnonzero(intervals.samples > _LEAST_RIPPLE)
+    if len(number) < _LEAST_SWING_INTERVALS:
+        return 0.0
+    joint = NONLINEAR + len(linear)
+    force, left = linear @ intervals.gram[number, NONLINEAR:joint], scores[number]
+    hats = intervals.gram[number, joint:, joint:] + LEAST_ENERGY * np.eye(2)
+    both = np.stack((force[:, joint:], left[:, joint:]), axis=-1)
+    by_level = np.einsum('ki,kij->kj', force[:, joint:], np.linalg.solve(hats, both))
+    ripple = force[:, NONLINEAR:joint] @ linear - by_level[:, 0]
+    seen = left[:, NONLINEAR:joint] @ linear - by_level[:, 1]
+    line = np.column_stack((np.ones(len(number)), number - number.mean()))
+    disturbance = 0.5 * (levels[number] + levels[number + 1])
+    disturbance -= line @ np.linalg.lstsq(line, disturbance, rcond=None)[0]
+    matrix = np.column_stack((line, disturbance))
+    information = matrix.T @ (ripple[:, None] * matrix)
+    if not np.diag(information).min() > LEAST_ENERGY:
+        return 0.0
+    inverse = scaled_inverse(information)
+    follows = float(inverse[2] @ matrix.T @ seen)
+    sure = abs(follows) > _SURE_SWING * math.sqrt(max(inverse[2, 2] * variance, 0.0))
+    return abs(follows) * float(np.std(disturbance)) if sure else 0.0
 
 
 # Standard deviation of the disturbance's second difference over an interval, as a share of the
@@ -175,6 +229,9 @@ _LARGEST_STEP: FloatArray = np.array([0.1, 0.1, 0.7, 0.5])
 _LARGEST_SLOWING_STEP = 0.05
 _RIDGE = 1e-2
 _MOST_INFLATION = 3.0
+# Standard deviations and intervals from which the gain is said to follow the disturbance,
+# and samples in each.
+_SURE_SWING, _LEAST_SWING_INTERVALS, _LEAST_RIPPLE = 5.0, 80, 8
 # A step that gains less than this is as good as exact [nat]; a longer one is tried so often, with
 # a damping that rises from trial to trial and falls from step to step.
 _CERTAIN, _TRIALS = 2.0, 5
@@ -314,6 +371,8 @@ class WindowFit:
         Of the next step of theta.
     residual_spread : float
         Mean of (sum of residuals)^2 / samples in the intervals [N^2].
+    swing : float
+        By how much the gain follows the disturbance, see `_gain_swing`.
     """
 
     point: Point
@@ -333,6 +392,7 @@ class WindowFit:
     colour: float = 1.0
     damping: float = 0.0
     residual_spread: float = 0.0
+    swing: float = 0.0
 
     @property
     def weighting_variance(self) -> float:
@@ -722,7 +782,7 @@ def _move(
 def _refresh_noise(fit: WindowFit, at: Linearised, before: Point) -> None:
     """Estimate the variance of the residuals anew."""
     unknowns = unknowns_of(before)
-    fit.variance, fit.inflation, fit.residual_spread = noise_of(
+    fit.variance, fit.inflation, fit.residual_spread, fit.swing = noise_of(
         at.intervals, before, fit.point, fit.levels, *at.ages, unknowns
     )
 

@@ -126,6 +126,7 @@ NO_CONSTANT_MUSCLE = 'no_constant_muscle'
 RESPONSE_MISFIT = 'response_misfit'
 RESIDUALS_ALIKE = 'residuals_alike'
 DISTURBANCE_FOLLOWS = 'disturbance_follows_intensity'
+NOT_ISOMETRIC = 'not_isometric'
 CLOCKS_DIFFER = 'clocks_differ'
 FORCE_WITHOUT_PULSES = 'force_without_pulses'
 OF_TIME = (CLOCKS_DIFFER, FORCE_WITHOUT_PULSES)
@@ -147,6 +148,8 @@ REASON: Mapping[str, str] = {
     'sensor that filters its noise: the curve may be wrong by more than its interval',
     DISTURBANCE_FOLLOWS: 'the disturbance runs with the intensity, as if the patient tensed with '
     'what is felt: a part of it may be in the curve, most of it with slow changes of intensity',
+    NOT_ISOMETRIC: 'the force of the pulses grows and falls with the force beside them, as where '
+    'the joint moves: a trial that is not isometric has no curve of its own',
     CLOCKS_DIFFER: 'the stamps of force and pulses do not belong together',
     FORCE_WITHOUT_PULSES: 'the force goes on at the rate of the pulses where there are none',
 }

@@ -71,9 +71,8 @@ _DEEPEST_SWING, _WORST_SWING = 0.15, 0.5
 # The error on the end of the session with an earlier estimate may be so many times that with the
 # final one, or this share of the range of the force.
 _HELD_OUT_TIMES, _LARGEST_HELD_OUT = 3.0, 0.05
-# Half the interval of the curve at the highest intensity that was used, as a share of it; and of
-# all of a curve that is known whatever its parameters are, as a share of its maximum.
-_WIDEST_INTERVAL, _NARROW = 0.2, 0.05
+# Half the interval of a curve that is known whatever its parameters are: share of its maximum.
+_NARROW = 0.05
 # Length of the end that is judged: two periods of the slow sinusoids in use; a muscle that tires
 # changes by a quarter meanwhile, which leaves 0.03 of the variance unexplained.  Half of it for an
 # estimator that follows such changes, because its estimate is that of the end.
@@ -434,24 +433,22 @@ def _of_the_estimator(
         yield NO, 'the parameters of the recruitment curve are still those of the start'
     flags = dict(zip(last.nonlinear_names, last.nonlinear_identifiability.tolist(), strict=False))
     # a curve of another shape may be known without the parameters of the nearest arctangents
-    width = np.max(last.curve_upper - last.curve_lower, initial=0.0)
-    narrow = len(last.curve_upper) and 0.5 * width < _NARROW * np.abs(last.curve_force).max()
+    half = 0.5 * (last.curve_upper - last.curve_lower)
+    most = _NARROW * np.abs(last.curve_force).max(initial=0.0)
+    narrow = len(half) and half.max() < most
     unknown = [name for name, flag in flags.items() if flag == NOT_INFORMED and not narrow]
     if flags and len(unknown) == len(flags):
         yield NO, 'the data tell nothing about the recruitment curve: no parameter is informed'
     elif 'u_thr' in unknown:
         why = '; '.join(last.reasons)
         yield DOUBTFUL, 'the data do not determine the threshold' + (f': {why}' if why else '')
-    if len(last.curve_upper):
+    if len(half):
         applied = pulses.intensity[np.isfinite(pulses.intensity)]
-        top = float(np.clip(applied.max(initial=0.0), 0.0, 1.0))
-        lower, force, upper = (
-            float(np.interp(top, last.curve_intensity, values))
-            for values in (last.curve_lower, last.curve_force, last.curve_upper)
-        )
-        if 0.5 * (upper - lower) > _WIDEST_INTERVAL * abs(force):
+        given = last.curve_intensity <= np.clip(applied.max(initial=0.0), 0.0, 1.0)
+        place = int(np.argmax(np.where(given, half, 0.0)))
+        if half[place] > most:
             text = (
-                f'the force at intensity {top:.2g} is known only as {lower:.3g} to '
-                f'{upper:.3g} {last.unit}'
+                f'the force at intensity {last.curve_intensity[place]:.2g} is known only as '
+                f'{last.curve_lower[place]:.3g} to {last.curve_upper[place]:.3g} {last.unit}'
             )
             yield DOUBTFUL, text
