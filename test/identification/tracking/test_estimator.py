@@ -14,7 +14,7 @@ from rpms_ros.identification import identify
 from rpms_ros.identification.estimation import window_fit
 from rpms_ros.identification.estimation.tracking import TrackingEstimator, TrackingSettings
 from rpms_ros.identification.model.estimate import CONVERGED
-from rpms_ros.identification.quality.doubts import DISTURBANCE_FOLLOWS
+from rpms_ros.identification.quality.doubts import DISTURBANCE_FOLLOWS, NOT_ISOMETRIC
 from rpms_ros.muscle import Contraction, simulation_subject
 from rpms_ros.pulses import ForceTrace, PulseTrain
 
@@ -351,6 +351,15 @@ def test_an_effort_that_follows_the_intensity_is_doubted(league, excitation):
     assert np.abs(last.curve_force - truth).max() > 0.02 * truth.max()
     assert last.doubts == (DISTURBANCE_FOLLOWS,)
     assert found.verdict.grade == 'doubtful'
+
+
+@pytest.mark.parametrize('excitation', ['random', 'sinusoid'])
+def test_a_muscle_that_is_not_held_is_doubted(league, excitation):
+    """A joint that swings: 15 % of the active force, 5 % of a passive one."""
+    arrays, _ = league.session('length', excitation, 0)
+    found = rpms_ros.from_arrays(*arrays).identify('tracking')
+    assert NOT_ISOMETRIC in found.estimates.last.doubts
+    assert found.verdict.grade != 'good'
 
 
 @pytest.mark.parametrize('excitation', ['random', 'sinusoid'])
