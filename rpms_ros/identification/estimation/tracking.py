@@ -59,6 +59,7 @@ from rpms_ros.identification.estimation.window_fit import (
     Window,
     WindowFit,
     fresh_fit,
+    gain_swing,
     gauss_newton_steps,
     steps_at_fixed_scales,
 )
@@ -544,7 +545,8 @@ class TrackingEstimator(ProjectionEstimator):
             steps = _FIRST_STEPS if young or basis != self._basis else _STEPS
             knowledge = self._of_any_shape(self._knowledge)
             self._try_other_start(knowledge, self._span())
-            gauss_newton_steps(self._problem, self._window, knowledge, self._span(), steps)
+            at = gauss_newton_steps(self._problem, self._window, knowledge, self._span(), steps)
+            self._window.swing = 0.0 if at is None else gain_swing(self._window, at)
             self._doubt_what_is_from_before(self._span())
             if self._find and self._window.variance > 0.0:
                 self._watch.remember(snapshot(self._window, window.now_ns))

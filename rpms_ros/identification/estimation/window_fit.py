@@ -98,116 +98,6 @@ def _left(
     return scores, squares
 
 
-def noise_of(
-    intervals: Intervals,
-    before: Point,
-    point: Point,
-    levels: FloatArray,
-    age: FloatArray,
-    position: FloatArray,
-    unknowns: int,
-) -> tuple[float, float, float, float]:
-    """Return the variance of the residuals [N^2], how much they are alike, and the gain's swing.
-
-    Parameters
-    ----------
-    intervals : Intervals
-        At `before`.
-    before, point : Point
-        Where the equations were linearised, and after the step.
-    levels : ndarray (intervals + 1,)
-        Disturbance at the ends of the intervals [N].
-    age, position : ndarray (intervals,)
-        See `window_equations.assemble`.
-    unknowns : int
-        How many were fitted.
-
-    Returns
-    -------
-    tuple
-        Variance; factor of at least 1 by which neighbouring residuals tell less than independent
-        ones; mean of (sum of residuals)^2 / samples in the intervals [N^2]; see `_gain_swing`.
-    """
-    local = NONLINEAR + len(before.linear)
-    total_samples = float(intervals.samples.sum())
-    power = float(intervals.energy.sum()) / max(total_samples, 1.0)
-    gain = 1.0 + at_ages(point.gain, position)
-    delay = at_ages(point.slowing, position)
-    theta = coordinates(point.theta) - coordinates(before.theta)
-    scores, squares = _left(intervals, theta, point, gain, delay, age, levels)
-    total = max(float(squares.sum()), 0.0)
-    freedom = max(total_samples - float(unknowns + 1), 1.0) + _MODEL_ERROR_SAMPLES
-    floor = _MODEL_ERROR_SAMPLES * _MODEL_ERROR * power
-    variance = (total + floor) / freedom + LEAST_ENERGY
-    some = intervals.samples > 0.0
-    swing = _gain_swing(intervals, scores, point.linear, levels, variance)
-    sums = scores[some, local:].sum(axis=1)
-    spread = float(np.mean(sums**2 / intervals.samples[some]))
-    scores = (gain[:, None] * scores)[some, :local]
-    scatter = scores.T @ scores
-    for lag in (1, 2, 3):
-        cross = scores[lag:].T @ scores[:-lag]
-        scatter += (1.0 - lag / 4.0) * (cross + cross.T)
-    steady = np.einsum('j,jkl->kl', gain**2, intervals.gram[:, :local, :local])
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(steady), 1e-300))
-    scaled = steady * np.outer(scale, scale) + 1e-6 * np.eye(local)
-    ratio = np.trace(np.linalg.solve(scaled, scatter * np.outer(scale, scale)))
-    return variance, max(1.0, float(ratio) / (local * variance)), spread, swing
-
-
-def _gain_swing(
-    intervals: Intervals,
-    scores: FloatArray,
-    linear: FloatArray,
-    levels: FloatArray,
-    variance: float,
-) -> float:
-    """Return by how much the gain follows the disturbance (share, standard deviation).
-
-    The length of a muscle that is not held moves its passive force, a disturbance, and its active
-    one.  Within an interval the ripple of the pulses tells the gain, whatever the disturbance is.
-
-    Parameters
-    ----------
-    intervals : Intervals
-        Where the equations were linearised.
-    scores : ndarray (intervals, columns)
-        Of what is left, see `_left`.
-    linear : ndarray (functions,)
-        w.
-    levels : ndarray (intervals + 1,)
-        Disturbance at the ends of the intervals [N].
-    variance : float
-        Of the noise [N^2].
-
-    Returns
-    -------
-    float
-        0 where it may be by chance.
-    """
-    number = np.flatnonzero(intervals.samples > _LEAST_RIPPLE)
-    if len(number) < _LEAST_SWING_INTERVALS:
-        return 0.0
-    joint = NONLINEAR + len(linear)
-    force, left = linear @ intervals.gram[number, NONLINEAR:joint], scores[number]
-    hats = intervals.gram[number, joint:, joint:] + LEAST_ENERGY * np.eye(2)
-    both = np.stack((force[:, joint:], left[:, joint:]), axis=-1)
-    by_level = np.einsum('ki,kij->kj', force[:, joint:], np.linalg.solve(hats, both))
-    ripple = force[:, NONLINEAR:joint] @ linear - by_level[:, 0]
-    seen = left[:, NONLINEAR:joint] @ linear - by_level[:, 1]
-    line = np.column_stack((np.ones(len(number)), number - number.mean()))
-    disturbance = 0.5 * (levels[number] + levels[number + 1])
-    disturbance -= line @ np.linalg.lstsq(line, disturbance, rcond=None)[0]
-    matrix = np.column_stack((line, disturbance))
-    information = matrix.T @ (ripple[:, None] * matrix)
-    if not np.diag(information).min() > LEAST_ENERGY:
-        return 0.0
-    inverse = scaled_inverse(information)
-    follows = float(inverse[2] @ matrix.T @ seen)
-    sure = abs(follows) > _SURE_SWING * math.sqrt(max(inverse[2, 2] * variance, 0.0))
-    return abs(follows) * float(np.std(disturbance)) if sure else 0.0
-
-
 # Standard deviation of the disturbance's second difference over an interval, as a share of the
 # force: from a sensor that drifts to a voluntary effort.
 LIVELINESS: FloatArray = 10.0 ** np.arange(-6.0, -0.4, 0.5)
@@ -372,7 +262,7 @@ class WindowFit:
     residual_spread : float
         Mean of (sum of residuals)^2 / samples in the intervals [N^2].
     swing : float
-        By how much the gain follows the disturbance, see `_gain_swing`.
+        By how much the gain follows the disturbance, see `gain_swing`.
     """
 
     point: Point
@@ -748,7 +638,7 @@ def _move(
     step = _limited(at, solution, step)
     if certain:
         _accept(fit, at, solution, step, covariance)
-        _refresh_noise(fit, at, at.point)
+        _refresh_noise(fit, at)
         return None
     least, rest = solution.projected()
     for _ in range(_TRIALS):
@@ -763,7 +653,7 @@ def _move(
                 _accept(fit, at, solution.with_cost(cost), step, covariance)
                 fit.point = moved(trial.point, rest_there)
                 fit.levels = disturbance_at(reduced, rest_there)
-                _refresh_noise(fit, there, trial.point)
+                _refresh_noise(fit, there)
                 fit.damping *= _FALLS
                 response = slice(NONLINEAR, NONLINEAR + len(trial.point.linear))
                 changed = np.linalg.norm(rest_there[response])
@@ -775,16 +665,86 @@ def _move(
         fit.damping = min(max(fit.damping * _RISES, _LEAST_DAMPING), 1.0)
         step = _limited(at, solution, solution.damped(fit.damping))
     _accept(fit, at, solution.with_cost(least), rest, covariance)
-    _refresh_noise(fit, at, at.point)
+    _refresh_noise(fit, at)
     return None
 
 
-def _refresh_noise(fit: WindowFit, at: Linearised, before: Point) -> None:
-    """Estimate the variance of the residuals anew."""
-    unknowns = unknowns_of(before)
-    fit.variance, fit.inflation, fit.residual_spread, fit.swing = noise_of(
-        at.intervals, before, fit.point, fit.levels, *at.ages, unknowns
-    )
+def _left_after(fit: WindowFit, at: Linearised) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return what a step from `at` leaves, see `_left`, and the gain of each interval."""
+    age, position = at.ages
+    gain = 1.0 + at_ages(fit.point.gain, position)
+    delay = at_ages(fit.point.slowing, position)
+    theta = coordinates(fit.point.theta) - coordinates(at.point.theta)
+    return *_left(at.intervals, theta, fit.point, gain, delay, age, fit.levels), gain
+
+
+def _refresh_noise(fit: WindowFit, at: Linearised) -> None:
+    """Estimate anew, after a step from `at`, the variance of the residuals and how alike they are.
+
+    Alike is a factor of at least 1 by which neighbouring ones tell less than independent ones.
+    """
+    intervals, local = at.intervals, NONLINEAR + len(at.point.linear)
+    scores, squares, gain = _left_after(fit, at)
+    total = max(float(squares.sum()), 0.0)
+    freedom = max(at.samples - float(unknowns_of(at.point) + 1), 1.0) + _MODEL_ERROR_SAMPLES
+    floor = _MODEL_ERROR_SAMPLES * _MODEL_ERROR * at.power
+    fit.variance = (total + floor) / freedom + LEAST_ENERGY
+    some = intervals.samples > 0.0
+    sums = scores[some, local:].sum(axis=1)
+    fit.residual_spread = float(np.mean(sums**2 / intervals.samples[some]))
+    scores = (gain[:, None] * scores)[some, :local]
+    scatter = scores.T @ scores
+    for lag in (1, 2, 3):
+        cross = scores[lag:].T @ scores[:-lag]
+        scatter += (1.0 - lag / 4.0) * (cross + cross.T)
+    steady = np.einsum('j,jkl->kl', gain**2, intervals.gram[:, :local, :local])
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(steady), 1e-300))
+    scaled = steady * np.outer(scale, scale) + 1e-6 * np.eye(local)
+    ratio = np.trace(np.linalg.solve(scaled, scatter * np.outer(scale, scale)))
+    fit.inflation = max(1.0, float(ratio) / (local * fit.variance))
+
+
+def gain_swing(fit: WindowFit, at: Linearised) -> float:
+    """Return by how much the gain follows the disturbance (share, standard deviation).
+
+    The length of a muscle that is not held moves its passive force, a disturbance, and its active
+    one.  Within an interval the ripple of the pulses tells the gain, whatever the disturbance is.
+
+    Parameters
+    ----------
+    fit : WindowFit
+        After the last step.
+    at : Linearised
+        Where it began.
+
+    Returns
+    -------
+    float
+        0 where it may be by chance.
+    """
+    number = np.flatnonzero(at.intervals.samples > _LEAST_RIPPLE)
+    if len(number) < _LEAST_SWING_INTERVALS:
+        return 0.0
+    linear, levels = fit.point.linear, fit.levels
+    joint = NONLINEAR + len(linear)
+    gram, left = at.intervals.gram[number], _left_after(fit, at)[0][number]
+    force = linear @ gram[:, NONLINEAR:joint]
+    hats = gram[:, joint:, joint:] + LEAST_ENERGY * np.eye(2)
+    both = np.stack((force[:, joint:], left[:, joint:]), axis=-1)
+    by_level = np.einsum('ki,kij->kj', force[:, joint:], np.linalg.solve(hats, both))
+    ripple = force[:, NONLINEAR:joint] @ linear - by_level[:, 0]
+    seen = left[:, NONLINEAR:joint] @ linear - by_level[:, 1]
+    line = np.column_stack((np.ones(len(number)), number - number.mean()))
+    disturbance = 0.5 * (levels[number] + levels[number + 1])
+    disturbance -= line @ np.linalg.lstsq(line, disturbance, rcond=None)[0]
+    matrix = np.column_stack((line, disturbance))
+    information = matrix.T @ (ripple[:, None] * matrix)
+    if not np.diag(information).min() > LEAST_ENERGY:
+        return 0.0
+    inverse = scaled_inverse(information)
+    follows = float(inverse[2] @ matrix.T @ seen)
+    sure = abs(follows) > _SURE_SWING * math.sqrt(max(inverse[2, 2] * fit.variance, 0.0))
+    return abs(follows) * float(np.std(disturbance)) if sure else 0.0
 
 
 def _accept(
