@@ -2,14 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Muscles and situations of other kinds than the model's, by estimator.
 
-`python bench/league.py [--seeds 3] [--muscles boltzmann ...] [--estimators batch tracking]`
+`python bench/league.py [--seeds 3] [--muscles boltzmann ...] [--estimators batch scipy ...]`
 
 Random people with a recruitment of another shape, another summation, or something beside the
 stimulation, simulated here without code of the package: 60 s at 20 Hz with 0.5 % noise, random
 intensities and a sinusoid of 9 s.  Error of the curve and half of its 95 % interval in % of the
 curve's maximum (median and worst; median), share of the curve inside the interval, verdicts and
 doubts, and processor time of a session.  `silent` counts sessions whose curve is wrong by more
-than 2 % and outside its interval, with the verdict good.
+than 2 % and outside its interval, with the verdict good.  Beside the muscle of the model's own
+family, `arctan`, stands the least deviation that any unbiased estimator of its eight parameters
+can have (Cramer and Rao), and by how much the error exceeds it, both as root mean squares over
+curve and people.  `scipy`, `polynomial` and `ekf` are those of peers.py; they state no interval.
 """
 
 import argparse
@@ -19,6 +22,7 @@ import zlib
 from collections import Counter
 
 import numpy as np
+import peers
 from scipy.signal import butter, lfilter
 
 import rpms_ros
@@ -241,39 +245,65 @@ def session(muscle, excitation, seed):
     return (grid, force, onset, intensity), scale * truth
 
 
+def least(excitation, seed):
+    """Return the bound (101,) of the curve of `arctan`, for a maximum of 1."""
+    generator = np.random.default_rng([seed, zlib.crc32(b'arctan')])
+    one = person(generator)
+    (grid, _, onset, intensity), truth = session('arctan', excitation, seed)
+    gain = truth.max() / (RATE * arctan(U, one).max())
+    alphas = math.log(one['a_thr']), math.log(one['a_sat'])
+    twitch = math.log(one['time_constant']), one['latency']
+    known = np.array([one['thr'], one['sat'], *alphas, *twitch, gain, 0.0])
+    return peers.bound(known, grid, onset, intensity, NOISE * 10.0) / truth.max()
+
+
+PEERS = {'scipy': peers.by_scipy, 'polynomial': peers.by_polynomial, 'ekf': peers.by_ekf}
+
+
+def identified(name, arrays, truth):
+    """Return curve, half of its interval, what is inside, the verdict and doubts, seconds."""
+    begun = time.process_time()
+    if name in PEERS:
+        curve = PEERS[name](*arrays)
+        return curve, math.nan, math.nan, [], time.process_time() - begun
+    found = rpms_ros.from_arrays(*arrays).identify(name)
+    spent, last = time.process_time() - begun, found.estimates.last
+    held = (last.curve_lower <= truth) & (truth <= last.curve_upper)
+    half = (last.curve_upper - last.curve_lower).max() / 2.0
+    return last.curve_force, half, held[5:].mean(), [found.verdict.grade, *last.doubts], spent
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--seeds', type=int, default=3)
     parser.add_argument('--muscles', nargs='+', choices=MUSCLES, default=MUSCLES)
-    parser.add_argument('--estimators', nargs='+', default=['batch', 'tracking'])
+    parser.add_argument('--estimators', nargs='+', default=['batch', 'tracking', 'recursive'])
     chosen = parser.parse_args()
     print('muscle       intensities  estimator   error, median / worst   half   coverage   time')
     silent = 0
     for muscle in chosen.muscles:
         for excitation in ('random', 'sinusoid'):
             for name in chosen.estimators:
-                rows, said = [], Counter()
+                rows, said, off = [], Counter(), []
                 for seed in range(chosen.seeds):
                     arrays, truth = session(muscle, excitation, seed)
-                    recording = rpms_ros.from_arrays(*arrays)
-                    begun = time.process_time()
-                    found = recording.identify(name)
-                    spent = time.process_time() - begun
-                    last, grade = found.estimates.last, found.verdict.grade
-                    height = truth.max() / 100.0
-                    error = np.abs(last.curve_force - truth).max() / height
-                    half = (last.curve_upper - last.curve_lower).max() / 2.0 / height
-                    held = (last.curve_lower <= truth) & (truth <= last.curve_upper)
-                    rows.append((error, half, held[5:].mean(), spent))
-                    said.update([grade, *last.doubts])
-                    silent += grade == 'good' and error > 2.0 and not held.all()
+                    curve, half, held, words, spent = identified(name, arrays, truth)
+                    off.append((curve - truth) / truth.max())
+                    error = 100.0 * np.abs(off[-1]).max()
+                    rows.append((error, 100.0 * half / truth.max(), held, spent))
+                    said.update(words)
+                    silent += words[:1] == ['good'] and error > 2.0 and held < 1.0
                 error, half, held, spent = np.array(rows).T
-                print(
+                line = (
                     f'{muscle:12} {excitation:12} {name:10} {np.median(error):7.3f} / '
                     f'{error.max():7.3f} % {np.median(half):7.3f} {held.mean():8.2f} '
-                    f'{np.median(spent):7.1f} s  {dict(said)}',
-                    flush=True,
+                    f'{np.median(spent):7.1f} s  {dict(said)}'
                 )
+                if muscle == 'arctan':
+                    bound = [least(excitation, seed) for seed in range(chosen.seeds)]
+                    deviation, rms = (100.0 * np.sqrt(np.mean(np.square(x))) for x in (bound, off))
+                    line += f'  bound {deviation:.4f} %, ratio {rms / deviation:.2f}'
+                print(line, flush=True)
     print(f'silent: {silent}')
 
 
