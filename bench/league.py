@@ -17,15 +17,20 @@ curve and people.  `scipy`, `polynomial` and `ekf` are those of peers.py; they s
 
 import argparse
 import math
+import sys
 import time
 import zlib
 from collections import Counter
+from pathlib import Path
 
 import numpy as np
-import peers
 from scipy.signal import butter, lfilter
 
 import rpms_ros
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+import peers  # noqa: E402
 
 SECONDS, RATE, NOISE, RECOVERY = 60.0, 20.0, 0.005, 15.0
 U = np.linspace(0.0, 1.0, 101)
