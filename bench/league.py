@@ -30,7 +30,7 @@ import rpms_ros
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-import peers  # noqa: E402
+import peers
 
 SECONDS, RATE, NOISE, RECOVERY = 60.0, 20.0, 0.005, 15.0
 U = np.linspace(0.0, 1.0, 101)
