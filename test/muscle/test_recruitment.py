@@ -9,6 +9,7 @@ from hypothesis import given, strategies as st
 from rpms_ros.muscle import (
     SUBJECTS,
     IntensityRecruitment,
+    RateRecruitment,
     RecruitmentParameters,
     average_subject,
     identified_recruitment,
@@ -27,6 +28,12 @@ shapes = st.builds(
     threshold_slope=st.floats(1.0, 10.0),
     saturation_slope=st.floats(3.0, 50.0),
 )
+
+
+def test_table_3_by_rate():
+    # Four digits, as the expected values are given.
+    expected = [-0.0004, 0.7849, 0.9990, 1.3819]
+    np.testing.assert_allclose(RateRecruitment()([0.0, 15.0, 20.0, 35.0]), expected, atol=5e-5)
 
 
 @given(shapes)
