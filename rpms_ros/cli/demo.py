@@ -18,23 +18,6 @@ if TYPE_CHECKING:
     from rpms_ros.muscle.scenario import Scenario
     from rpms_ros.nodes.simulation_launcher import SimulationLauncher
 
-_DESCRIPTION = """\
-Starts a simulated muscle, a stimulator driver and the identifier as three ROS 2 nodes, each a
-process of its own, on this machine and in a DDS domain of their own.  The muscle is stimulated
-at 20 Hz and measured at 1 kHz; pulses, force and estimates are recorded.  At the end the
-identified curve is compared with the true one, and the recording is identified again off
-line, which has to give the same estimates in every bit.  With a scenario the muscle tires, the
-coil moves or the patient tenses, as in `rpms simulate --scenario`.
-"""
-_EXAMPLES = """\
-  rpms demo --live                           and open http://127.0.0.1:8765/
-  rpms demo --duration 30 --schedule sinusoid
-  rpms demo --subject rpms --noise 0.05 --estimator tracking
-  rpms demo --scenario fatigue               a muscle that tires, followed by tracking
-
-exit code: 0 if the schedule ran to its end, no sample was lost and the replay is exact, 1
-otherwise, 2 if it could not run.
-"""
 RATE = 20.0
 PORT = 8765
 # Between two lines that say how it goes [s].
@@ -44,7 +27,7 @@ _PERIOD = 5.0
 def add_demo(subparsers: Subparsers) -> None:
     """Add `rpms demo`."""
     summary = 'simulated muscle, driver and identifier live, with a report (needs ROS 2)'
-    parser = add_command(subparsers, 'demo', run, summary, _DESCRIPTION, _EXAMPLES)
+    parser = add_command(subparsers, 'demo', run, summary)
     add_option(parser, '--duration S', 45.0, 'stimulation [s]')
     schedules = ('uniform_random', 'sinusoid', 'staircase')
     add_option(parser, '--schedule', 'uniform_random', 'course of intensity', choices=schedules)
@@ -76,7 +59,25 @@ def add_demo(subparsers: Subparsers) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the simulation, then report; return the exit code."""
+    """Run the simulation, then report; return the exit code.
+
+    Starts a simulated muscle, a stimulator driver and the identifier as three ROS 2 nodes, each a
+    process of its own, on this machine and in a DDS domain of their own.  The muscle is stimulated
+    at 20 Hz and measured at 1 kHz; pulses, force and estimates are recorded.  At the end the
+    identified curve is compared with the true one, and the recording is identified again off
+    line, which has to give the same estimates in every bit.  With a scenario the muscle tires, the
+    coil moves or the patient tenses, as in `rpms simulate --scenario`.
+
+    Examples
+    --------
+      rpms demo --live                           and open http://127.0.0.1:8765/
+      rpms demo --duration 30 --schedule sinusoid
+      rpms demo --subject rpms --noise 0.05 --estimator tracking
+      rpms demo --scenario fatigue               a muscle that tires, followed by tracking
+
+    exit code: 0 if the schedule ran to its end, no sample was lost and the replay is exact, 1
+    otherwise, 2 if it could not run.
+    """
     from rpms_ros.api.simulating import named_schedule
     from rpms_ros.muscle import subject_by_name
     from rpms_ros.muscle.scenario import load_scenario

@@ -3,6 +3,7 @@
 """Options that several commands share."""
 
 import argparse
+import inspect
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -28,18 +29,17 @@ _PATIENCE = 1.0
 
 
 def add_command(
-    subparsers: Subparsers,
-    name: str,
-    run: Callable[[argparse.Namespace], int],
-    summary: str,
-    description: str,
-    examples: str,
+    subparsers: Subparsers, name: str, run: Callable[[argparse.Namespace], int], summary: str
 ) -> argparse.ArgumentParser:
-    """Return the parser of a command with help, examples and ``--quiet``."""
+    """Return the parser of a command with help and ``--quiet``.
+
+    What it does and its examples are told by the docstring of `run`, below its first line.
+    """
+    description, _, examples = (inspect.getdoc(run) or '').partition('\n\nExamples\n--------\n')
     parser = subparsers.add_parser(
         name,
         help=summary,
-        description=description,
+        description=description.partition('\n\n')[2],
         epilog=f'examples:\n{examples}',
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

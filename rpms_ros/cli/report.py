@@ -30,22 +30,11 @@ from rpms_ros.report.text import write_text
 if TYPE_CHECKING:
     from rpms_ros.report.session import SessionReport
 
-_DESCRIPTION = """\
-Identifies a recording as `rpms identify` does and writes one self-contained page: recruitment,
-impulse response, time courses, force with zoom, residual analysis, held-out fit, faults,
-schedule and energy, session facts.
-"""
-_EXAMPLES = """\
-  rpms report bags/sample --out report.html
-  rpms report session --files figures            PNG, SVG and JSON files beside the page
-  rpms report session --json | jq .held_out      one JSON object on stdout
-"""
-
 
 def add_report(subparsers: Subparsers) -> None:
     """Add `rpms report`."""
     text = 'a recording as one page'
-    parser = add_command(subparsers, 'report', run, text, _DESCRIPTION, _EXAMPLES)
+    parser = add_command(subparsers, 'report', run, text)
     add_bag(parser)
     add_option(parser, '--out FILE', Path('report.html'), 'page to write', type=Path)
     add_option(parser, '--files DIR', None, 'folder for the figures and report.json', type=Path)
@@ -62,7 +51,18 @@ def add_report(subparsers: Subparsers) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write the report; return the exit code of the verdict."""
+    """Write the report; return the exit code of the verdict.
+
+    Identifies a recording as `rpms identify` does and writes one self-contained page: recruitment,
+    impulse response, time courses, force with zoom, residual analysis, held-out fit, faults,
+    schedule and energy, session facts.
+
+    Examples
+    --------
+      rpms report bags/sample --out report.html
+      rpms report session --files figures            PNG, SVG and JSON files beside the page
+      rpms report session --json | jq .held_out      one JSON object on stdout
+    """
     from rpms_ros.report.figures import write_figures
     from rpms_ros.report.page import as_page
     from rpms_ros.schema import plain

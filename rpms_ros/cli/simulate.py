@@ -11,16 +11,6 @@ from rpms_ros.cli.options import Subparsers, add_command, add_option, progress
 from rpms_ros.errors import RecordingError
 from rpms_ros.printable import counted
 
-_DESCRIPTION = """\
-Simulates a session, faster than real time: a schedule of pulses, a muscle and a force sensor.
-The recording is like one from a lab; its notes hold the true parameters of the muscle.
-"""
-_EXAMPLES = """\
-  rpms simulate --out session                               the paper's simulated identification
-  rpms simulate --out session --schedule sinusoid --noise 0.05 --seed 3
-  rpms simulate --out session --subject random --schedule my_schedule.yaml --drift 0.1
-  rpms identify session
-"""
 _SUBJECTS = ('simulation', 'rpms', 'fes', 'random')
 _MUSCLES = ('arctan', 'boltzmann', 'gauss', 'weibull', 'unsaturated', 'pools', 'ding')
 _OF_PULSES = ('duration', 'pulse_rate', 'intensity')
@@ -36,9 +26,7 @@ _TRUTH_RATE = 10.0
 
 def add_simulate(subparsers: Subparsers) -> None:
     """Add `rpms simulate`."""
-    parser = add_command(
-        subparsers, 'simulate', run, 'a recording of a simulated session', _DESCRIPTION, _EXAMPLES
-    )
+    parser = add_command(subparsers, 'simulate', run, 'a recording of a simulated session')
     parser.add_argument('--out', type=Path, required=True, metavar='BAG', help='new folder')
     add_option(parser, '--compression', '', 'of the recording', choices=('', 'lz4', 'zstd'))
     group = parser.add_argument_group('stimulation')
@@ -86,7 +74,18 @@ def add_simulate(subparsers: Subparsers) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Simulate and record the session."""
+    """Simulate and record the session.
+
+    Simulates a session, faster than real time: a schedule of pulses, a muscle and a force sensor.
+    The recording is like one from a lab; its notes hold the true parameters of the muscle.
+
+    Examples
+    --------
+      rpms simulate --out session                              the paper's simulated identification
+      rpms simulate --out session --schedule sinusoid --noise 0.05 --seed 3
+      rpms simulate --out session --subject random --schedule my_schedule.yaml --drift 0.1
+      rpms identify session
+    """
     from rpms_ros.api import simulating
     from rpms_ros.muscle import Contraction, subject_by_name
     from rpms_ros.muscle.motor_units import MotorUnits
