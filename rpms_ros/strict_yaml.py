@@ -13,7 +13,7 @@ from typing import Any, NoReturn
 
 import yaml
 
-from rpms_ros.errors import RpmsError
+from rpms_ros.errors import MISREAD, RpmsError
 
 LARGEST_DOCUMENT = 200_000
 """Characters."""
@@ -34,10 +34,7 @@ _FLOAT = re.compile(r'[-+]?(\.[0-9]+|(0|[1-9][0-9]*)(\.[0-9]*)?)([eE][-+]?[0-9]+
 # What YAML 1.1, another language or a person takes for a number, and this schema does not.
 _DOUBTFUL = re.compile(r'[-+]?[0-9][0-9_:,]*([.][0-9_]*)?([eE][-+]?[0-9]+)?|[-+]?0[xXoObB]\w*')
 
-_PARSER_FAULTS = (
-    yaml.YAMLError, ArithmeticError, AssertionError, AttributeError, LookupError, RecursionError,
-    TypeError, ValueError,
-)  # fmt: skip
+_PARSER_FAULTS = (yaml.YAMLError, AssertionError, *MISREAD)
 
 
 class YamlError(RpmsError):

@@ -4,6 +4,7 @@
 
 import re
 from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -138,21 +139,9 @@ def load(
         time, force, pulse = columns
         time_unit = time_unit or 's'
         force_unit = force_unit if force_unit or force_scale else 'N'
-    options = ImportOptions(
-        time=time,
-        force=force,
-        pulse=pulse,
-        time_unit=time_unit,
-        force_unit=force_unit,
-        pulse_unit=pulse_unit,
-        force_scale=force_scale,
-        sampling_rate=sampling_rate,
-        threshold=threshold,
-        edge=edge,
-        intensity=intensity,
-        block=block,
-        sheet=sheet,
-    )
+    # each option has the name of its keyword here
+    keywords = locals()
+    options = ImportOptions(**{one.name: keywords[one.name] for one in fields(ImportOptions)})
     if is_foreign(place):
         if sign not in (1, -1):
             raise RecordingError(f'expected sign 1 or -1, got {sign!r}')

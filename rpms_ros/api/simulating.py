@@ -37,8 +37,8 @@ START_NS = 1_700_000_000 * NANOSECONDS_PER_SECOND
 """A fixed time, so that the same options make the same session in every bit [ns]."""
 _STAIRS = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
 _HIGHEST_RATE = 1e6
-# How often the truth of a muscle that changes is noted [Hz].
-_TRUTH_RATE = 10.0
+TRUTH_RATE = 10.0
+"""How often the truth of a muscle that changes is noted [Hz]."""
 
 
 def simulate(
@@ -108,7 +108,7 @@ def simulate(
         Surroundings(happens, seed),
         pulses,
         sample_times(schedule.length_s, force_rate_hz),
-        _TRUTH_RATE if scenario is not None else 0.0,
+        TRUTH_RATE if scenario is not None else 0.0,
     )
     recording = as_recording(pulses, forces, Path('simulated'), 'simulation')
     truth = of_truths(truths, muscle)
@@ -158,11 +158,8 @@ def sample_times(length_s: float, rate_hz: float) -> IntArray:
     return elapsed + START_NS
 
 
-TRUTH_TOPIC = '/truth'
-
-
 def truth_topic(truths: Sequence[Truth]) -> FurtherTopic:
     """Return the messages of topic ``/truth``, each received at its stamp."""
     kind, types = messages.MUSCLE_TRUTH, known_types().types
     contents = [encoded(estimate_messages.truth_message(one, types), kind) for one in truths]
-    return FurtherTopic(TRUTH_TOPIC, kind, [one.stamp_ns for one in truths], contents)
+    return FurtherTopic('/truth', kind, [one.stamp_ns for one in truths], contents)

@@ -10,7 +10,13 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rpms_ros.cli.options import Subparsers, add_command, add_option, add_preset_option
+from rpms_ros.cli.options import (
+    Subparsers,
+    add_command,
+    add_option,
+    add_preset_option,
+    add_simulation_options,
+)
 from rpms_ros.errors import NodeError
 
 if TYPE_CHECKING:
@@ -31,20 +37,10 @@ def add_demo(subparsers: Subparsers) -> None:
     add_option(parser, '--duration S', 45.0, 'stimulation [s]')
     schedules = ('uniform_random', 'sinusoid', 'staircase')
     add_option(parser, '--schedule', 'uniform_random', 'course of intensity', choices=schedules)
-    text = (
-        'the muscle: of the simulated identification, average magnetic, average electrical or '
-        'random'
-    )
-    subjects = ('simulation', 'rpms', 'fes', 'random')
-    add_option(parser, '--subject', 'simulation', text, choices=subjects)
+    add_simulation_options(parser, 'its noise counts unless --noise is given')
     text = 'standard deviation of the noise of the sensor [N]; negative: 0.5 %% of the force'
     add_option(parser, '--noise N', -1.0, text)
     add_option(parser, '--seed K', 1, 'of pulses, noise and random subject')
-    text = (
-        'what happens in the session: fatigue, coil-moved, voluntary, restless, bad-sensor, '
-        'steady, or a YAML file; its noise counts unless --noise is given'
-    )
-    add_option(parser, '--scenario NAME|FILE', '', text)
     text = (
         'one pass with a state of fixed size, or one that follows a muscle that changes '
         '(default: recursive, with a scenario tracking)'

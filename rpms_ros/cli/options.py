@@ -157,6 +157,21 @@ def identification_options(arguments: argparse.Namespace) -> 'IdentificationOpti
     return IdentificationOptions(**{name: getattr(arguments, name) for name in names})
 
 
+def add_simulation_options(group: 'argparse._ActionsContainer', scenario: str) -> None:
+    """Add the simulated muscle and what happens to it; `scenario` ends the help on that."""
+    text = (
+        'muscle of the simulated identification (Table 4), average magnetic or electrical '
+        '(Tables 1 to 3), or random'
+    )
+    subjects = ('simulation', 'rpms', 'fes', 'random')
+    add_option(group, '--subject', 'simulation', text, choices=subjects)
+    text = (
+        'what happens in the session: fatigue, coil-moved, voluntary, restless, bad-sensor, '
+        f'steady, or a YAML file; {scenario}'
+    )
+    add_option(group, '--scenario NAME|FILE', '', text)
+
+
 def add_verdict_option(parser: argparse.ArgumentParser) -> None:
     """Add what the verdict takes for granted."""
     text = 'force that this muscle can have at most [N]; more is taken for a wrong unit'
@@ -218,7 +233,7 @@ def compile_estimator(build: 'Callable[[], Estimator]', quiet: bool) -> None:
 @contextmanager
 def progress(
     label: str, total: int | None, unit: str, quiet: bool
-) -> Iterator[Callable[[int], None]]:
+) -> Iterator[Callable[[int], Any]]:
     """Show a progress bar on a terminal if it takes long; yield the function that advances it."""
     from tqdm import tqdm
 
@@ -231,8 +246,4 @@ def progress(
         delay=_PATIENCE,
         disable=True if quiet else None,
     ) as bar:
-
-        def advance(count: int) -> None:
-            bar.update(count)
-
-        yield advance
+        yield bar.update

@@ -72,11 +72,6 @@ class TimeCourse:
         """Where there is a value (estimates,)."""
         return np.isfinite(self.value)
 
-    def scaled(self, factor: float) -> 'TimeCourse':
-        """Return the quantity in another unit."""
-        ends = (factor * one for one in (self.value, self.lower, self.upper))
-        return TimeCourse(*ends)
-
 
 @dataclass(frozen=True)
 class Course:

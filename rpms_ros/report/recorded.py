@@ -178,6 +178,11 @@ def _totals(before: DriverTotals | None, status: Any) -> DriverTotals:
 
 
 _SHARES = (25, 50, 75, 100)
+# columns that are called as fields of an estimate
+_SAME = (
+    *('disturbance', 'disturbance_deviation', 'output_error', 'confidence'),
+    *('samples', 'pulses', 'changes'),
+)
 
 
 def estimate_table(estimates: Sequence[Estimate]) -> EstimateTable:
@@ -216,16 +221,8 @@ def _numbers(one: Estimate) -> dict[str, float]:
     physiology = (one.physiology, one.physiology_lower, one.physiology_upper)
     found |= _banded(one.physiology_names, *physiology)
     found |= _banded(one.rate_names, one.rate, one.rate_lower, one.rate_upper)
-    return found | {
-        'disturbance': one.disturbance,
-        'disturbance_deviation': one.disturbance_deviation,
-        'output_error': one.output_error,
-        'confidence': one.confidence,
-        'repetition_rate_hz': one.repetition_rate,
-        'samples': float(one.samples),
-        'pulses': float(one.pulses),
-        'changes': float(one.changes),
-    }
+    found |= {name: float(getattr(one, name)) for name in _SAME}
+    return found | {'repetition_rate_hz': one.repetition_rate}
 
 
 def _at_shares(one: Estimate, curve: FloatArray) -> FloatArray:

@@ -7,13 +7,7 @@ import hashlib
 import json
 import os
 from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import (
-    Executor,
-    Future,
-    ProcessPoolExecutor,
-    ThreadPoolExecutor,
-    as_completed,
-)
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from dataclasses import asdict, dataclass
@@ -165,17 +159,13 @@ def finished(
     count = len(os.sched_getaffinity(0)) if jobs is None else jobs
     if count < 1:
         raise RecordingError(f'expected at least one job, got {jobs}')
-    with _pool(min(count, len(paths))) as pool:
+    workers = min(count, len(paths))
+    # Fresh interpreters: a fork would copy locks that threads of this process hold.
+    several = ProcessPoolExecutor(workers, get_context('spawn')) if workers > 1 else None
+    with several or ThreadPoolExecutor(1) as pool:
         futures = {pool.submit(work, str(path), options): path for path in paths}
         for future in as_completed(futures):
             yield futures[future], _outcome(future)
-
-
-def _pool(count: int) -> Executor:
-    if count == 1:
-        return ThreadPoolExecutor(1)
-    # Fresh interpreters: a fork would copy locks that threads of this process hold.
-    return ProcessPoolExecutor(count, get_context('spawn'))
 
 
 def _outcome(future: 'Future[Row]') -> Row:

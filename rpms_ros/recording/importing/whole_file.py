@@ -98,7 +98,12 @@ def import_file(path: Path, options: ImportOptions) -> Imported:
     file = read_signals(path, options.block, options.sheet)
     guess = guess_by(file, options)
     pulses, forces = _converted(file, guess, options)
-    remarks = list(_remarks(pulses, forces))
+    remarks = []
+    if missing := int(np.count_nonzero(~np.isfinite(forces.force))):
+        remarks.append(('missing', f'{missing} samples of the force are no finite number'))
+    period = float(np.median(np.diff(forces.stamp_ns))) / 1e9 if len(forces) > 1 else 0.0
+    if warning := odd_gate(pulses, period):
+        remarks.append(('warning', warning))
     if pulses.sequence[0]:
         remarks.append(('warning', _BEGUN))
     elif begins_amid(pulses, forces):
@@ -254,14 +259,6 @@ def _of_events(onset: IntArray, options: ImportOptions, file: SignalFile) -> Pul
     if not len(onset):
         raise RecordingError(f'expected pulses in {file.path}, got an empty list of events')
     return PulseTrain.numbered(onset, options.share)
-
-
-def _remarks(pulses: PulseTrain, forces: ForceTrace) -> Iterator[tuple[str, str]]:
-    if missing := int(np.count_nonzero(~np.isfinite(forces.force))):
-        yield 'missing', f'{missing} samples of the force are no finite number'
-    period = float(np.median(np.diff(forces.stamp_ns))) / 1e9 if len(forces) > 1 else 0.0
-    if warning := odd_gate(pulses, period):
-        yield 'warning', warning
 
 
 _AMID = (

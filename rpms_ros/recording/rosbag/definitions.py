@@ -23,7 +23,7 @@ from typing import Any, Literal
 import numpy as np
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
-from rpms_ros.errors import RecordingError
+from rpms_ros.errors import MISREAD, RecordingError
 
 PULSE = 'rpms_msgs/msg/Pulse'
 WRENCH_STAMPED = 'geometry_msgs/msg/WrenchStamped'
@@ -38,15 +38,7 @@ _LONGEST = 500_000
 _MOST_FIELDS = 10_000
 _DEEPEST = 30
 # What rosbags raises at texts that are no definitions.
-_ERRORS = (
-    TypesysError,
-    ArithmeticError,
-    AttributeError,
-    LookupError,
-    RecursionError,
-    TypeError,
-    ValueError,
-)
+_ERRORS = (TypesysError, *MISREAD)
 
 Types = dict[str, tuple[Any, list[tuple[str, Any]]]]
 """Constants, and names and descriptions of fields, by type name: rosbags' `Typesdict`."""

@@ -17,7 +17,7 @@ from typing import Any
 
 import yaml
 
-from rpms_ros.errors import RecordingError
+from rpms_ros.errors import MISREAD, RecordingError
 from rpms_ros.recording.rosbag.records import Findings
 
 NAME = 'metadata.yaml'
@@ -44,10 +44,7 @@ _KINDS: dict[str, type | tuple[type, ...]] = {
 }
 
 
-_FAULTS = (
-    yaml.YAMLError, ArithmeticError, AttributeError, LookupError, OSError, RecordingError,
-    RecursionError, TypeError, ValueError,
-)  # fmt: skip
+_FAULTS = (yaml.YAMLError, OSError, RecordingError, *MISREAD)
 
 
 def read_metadata(path: Path, findings: Findings) -> dict[str, Any]:

@@ -6,7 +6,6 @@ A recording is a folder with metadata.yaml, one without, or a file by itself.
 """
 
 import itertools
-import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -225,9 +224,8 @@ def _found(path: Path, findings: Findings) -> tuple[list[Path], dict[str, Any]]:
         for one in itertools.filterfalse(_is_storage, listed):
             findings.add('missing_file', f'{one.name} is named in {METADATA} but not there')
         # Part 2 before part 10.
-        paths = [*filter(_is_storage, listed)] or sorted(
-            filter(_is_storage, path.iterdir()), key=_natural_order
-        )
+        found = sorted(path.iterdir(), key=lambda one: (len(one.name), one.name))
+        paths = [*filter(_is_storage, listed)] or [*filter(_is_storage, found)]
     elif paths:
         # Of the metadata beside a file only the notes, and only if they are its own.
         beside = read_metadata(path.with_name(METADATA), Findings())
@@ -240,11 +238,6 @@ def _found(path: Path, findings: Findings) -> tuple[list[Path], dict[str, Any]]:
             other = '; `rpms import` makes a recording of a table or of a file of other software'
         raise RecordingError(f'expected .mcap or .db3 files at {path}, got none{other}')
     return paths, metadata
-
-
-def _natural_order(path: Path) -> list[tuple[int, str]]:
-    parts = re.split(r'(\d+)', path.name)
-    return [(int(part), '') if part.isdigit() else (-1, part) for part in parts]
 
 
 def _is_storage(path: Path) -> bool:
