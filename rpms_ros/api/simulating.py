@@ -18,7 +18,7 @@ from rpms_ros.errors import RecordingError, StimulationError
 from rpms_ros.muscle import Contraction, Subject, subject_by_name
 from rpms_ros.muscle.scenario import Scenario, load_scenario
 from rpms_ros.muscle.simulation import Surroundings, Truth, simulate_session
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND, IntArray
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, IntArray, stamps
 from rpms_ros.recording.rosbag.definitions import encoded, known_types
 from rpms_ros.recording.rosbag.writing import FurtherTopic
 from rpms_ros.report.known_muscle import of_truths
@@ -153,9 +153,7 @@ def sample_times(length_s: float, rate_hz: float) -> IntArray:
         raise RecordingError(
             f'expected a rate of the force above 0 and up to {_HIGHEST_RATE:g} Hz, got {rate_hz}'
         )
-    count = np.arange(round(length_s * rate_hz), dtype=np.int64)
-    elapsed: IntArray = np.rint(count * (NANOSECONDS_PER_SECOND / rate_hz)).astype(np.int64)
-    return elapsed + START_NS
+    return START_NS + stamps(np.arange(round(length_s * rate_hz)) / rate_hz)
 
 
 def truth_topic(truths: Sequence[Truth]) -> FurtherTopic:

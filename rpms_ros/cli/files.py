@@ -5,7 +5,6 @@
 import argparse
 import os
 import sys
-from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,6 +17,7 @@ from rpms_ros.cli.options import (
     add_command,
     add_option,
     add_reading_options,
+    options_of,
     read,
     warn,
 )
@@ -27,7 +27,7 @@ from rpms_ros.report.text import labelled
 
 if TYPE_CHECKING:
     from rpms_ros.recording import Recording
-    from rpms_ros.recording.importing import Imported, ImportOptions
+    from rpms_ros.recording.importing import Imported
 
 # Those of `rpms_ros.recording.importing`, which takes long to import.
 _SENSOR_UNITS = ('N', 'mN', 'kN', 'g', 'kg', 'lbf', 'Nm', 'mNm', 'kNm', 'kgm', 'ft-lbf')
@@ -119,9 +119,9 @@ def run_import(arguments: argparse.Namespace) -> int:
 
 def imported(path: Path, arguments: argparse.Namespace) -> 'Imported':
     """Return what a file holds, as the options say; say what was guessed."""
-    from rpms_ros.recording.importing import import_file
+    from rpms_ros.recording.importing import ImportOptions, import_file
 
-    found = import_file(path, signal_options(arguments))
+    found = import_file(path, options_of(ImportOptions, arguments))
     if found.guessed:
         print(labelled(found.facts), file=sys.stderr)
     return found
@@ -133,15 +133,6 @@ def imported_recording(path: Path, arguments: argparse.Namespace) -> 'Recording'
 
     sign, quantity = getattr(arguments, 'sign', 1), getattr(arguments, 'quantity', FORCE)
     return recording_of(imported(path, arguments), path, 'file', sign, quantity)
-
-
-def signal_options(arguments: argparse.Namespace) -> 'ImportOptions':
-    """Return what the command line says of a file."""
-    from rpms_ros.recording.importing import ImportOptions
-
-    return ImportOptions(
-        **{one.name: getattr(arguments, one.name) for one in fields(ImportOptions)}
-    )
 
 
 def add_export(subparsers: Subparsers) -> None:

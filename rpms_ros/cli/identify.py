@@ -19,7 +19,7 @@ from rpms_ros.cli.options import (
     add_reading_options,
     add_verdict_option,
     compile_estimator,
-    identification_options,
+    options_of,
     progress,
     read,
     verdict_code,
@@ -86,15 +86,12 @@ def run(arguments: argparse.Namespace) -> int:
     """
     from rpms_ros.identification.model.summation import TemporalSummation
     from rpms_ros.identification.quality.verdict import FOLLOWER
-    from rpms_ros.report.result import identified, result_of, result_rows
+    from rpms_ros.report.result import IdentificationOptions, identified, result_of, result_rows
     from rpms_ros.schema import plain
 
     law = arguments.temporal_summation
-    options = replace(
-        identification_options(arguments),
-        history=TemporalSummation.of_file(law) if law else None,
-        start_from=arguments.start_from,
-    )
+    history = TemporalSummation.of_file(law) if law else None
+    options = replace(options_of(IdentificationOptions, arguments), history=history)
     recording = read(arguments.bag, arguments)
     samples = len(recording.forces)
     compile_estimator(options.build, arguments.quiet)

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, get_type_hints
 
 from rpms_ros.errors import RecordingError
 from rpms_ros.printable import printable
@@ -17,8 +17,8 @@ from rpms_ros.report.text import collapsed
 if TYPE_CHECKING:
     from rpms_ros.identification import Estimator
     from rpms_ros.recording import Recording, Topics
-    from rpms_ros.report.result import IdentificationOptions
 
+Options = TypeVar('Options')
 Subparsers: TypeAlias = 'argparse._SubParsersAction[argparse.ArgumentParser]'
 # Those of `rpms_ros.identification.PRESET_NAMES`, which takes long to import.
 PRESETS = ('people', 'paper_table_4', 'paper_table_5')
@@ -149,12 +149,10 @@ def add_preset_option(parser: 'argparse._ActionsContainer') -> None:
     add_option(parser, '--preset', 'people', text, choices=PRESETS)
 
 
-def identification_options(arguments: argparse.Namespace) -> 'IdentificationOptions':
-    """Return how a recording is identified, as the options say."""
-    from rpms_ros.report.result import IdentificationOptions
-
-    names = ('estimator', 'preset', 'rate_hz', 'seed')
-    return IdentificationOptions(**{name: getattr(arguments, name) for name in names})
+def options_of(kind: type[Options], arguments: argparse.Namespace) -> Options:
+    """Return a dataclass whose fields are called as options, for those that a command has."""
+    names = (name for name in get_type_hints(kind) if hasattr(arguments, name))
+    return kind(**{name: getattr(arguments, name) for name in names})
 
 
 def add_simulation_options(group: 'argparse._ActionsContainer', scenario: str) -> None:
@@ -196,8 +194,8 @@ def read(path: Path, arguments: argparse.Namespace) -> 'Recording':
     from rpms_ros.recording import read_recording
 
     if hasattr(arguments, 'pulse_unit'):
-        from rpms_ros.cli.files import imported_recording, signal_options
-        from rpms_ros.recording.importing import is_foreign
+        from rpms_ros.cli.files import imported_recording
+        from rpms_ros.recording.importing import ImportOptions, is_foreign
 
         if is_foreign(path):
             for name, default in _OF_RECORDINGS.items():
@@ -205,7 +203,7 @@ def read(path: Path, arguments: argparse.Namespace) -> 'Recording':
                     option = name.replace('_', '-')
                     raise RecordingError(f'expected --{option} with a recording, got {path}')
             return imported_recording(path, arguments)
-        if given := signal_options(arguments).given():
+        if given := options_of(ImportOptions, arguments).given():
             option = given[0].replace('_', '-')
             raise RecordingError(f'expected --{option} with a file of a laboratory, got {path}')
     with progress('reading', None, 'messages', arguments.quiet) as advance:

@@ -19,7 +19,7 @@ from rpms_ros.cli.options import (
     add_reading_options,
     add_verdict_option,
     compile_estimator,
-    identification_options,
+    options_of,
     progress,
     read,
     verdict_code,
@@ -86,10 +86,10 @@ def run(arguments: argparse.Namespace) -> int:
 def _report(arguments: argparse.Namespace) -> 'SessionReport':
     from rpms_ros.recording.importing import is_foreign
     from rpms_ros.report.recorded import RecordedMessages, recorded_messages
-    from rpms_ros.report.result import identified, result_of
+    from rpms_ros.report.result import IdentificationOptions, identified, result_of
     from rpms_ros.report.session import report_of
 
-    options = identification_options(arguments)
+    options = options_of(IdentificationOptions, arguments)
     recording = read(arguments.bag, arguments)
     messages = RecordedMessages()
     if not is_foreign(arguments.bag):

@@ -145,23 +145,13 @@ def run_check(arguments: argparse.Namespace) -> int:
         specification = for_session(specification, patient)
     ahead = forecast(schedule, specification, patient.dose if patient else None)
     if arguments.json:
-        print(json.dumps(as_json(ahead)))
+        names = ('deliverable', 'mean_power_w', 'energy_j', 'max_rate_hz', 'waits_s')
+        document = {name: getattr(ahead, name) for name in names}
+        document['violations'] = [asdict(found) for found in ahead.violations]
+        print(json.dumps({**document, 'temperature_c': ahead.highest_temperature}))
     else:
         print('\n'.join(report(schedule, specification, ahead, patient)))
     return 0 if ahead.deliverable else 1
-
-
-def as_json(ahead: 'Forecast') -> dict[str, Any]:
-    """Return a forecast as what JSON can hold."""
-    return {
-        'deliverable': ahead.deliverable,
-        'violations': [asdict(found) for found in ahead.violations],
-        'mean_power_w': ahead.mean_power_w,
-        'energy_j': ahead.energy_j,
-        'max_rate_hz': ahead.max_rate_hz,
-        'waits_s': list(ahead.waits_s),
-        'temperature_c': ahead.highest_temperature,
-    }
 
 
 def report(

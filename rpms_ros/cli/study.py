@@ -4,7 +4,6 @@
 
 import argparse
 from collections import Counter
-from dataclasses import fields
 from pathlib import Path
 
 from rpms_ros.cli.options import (
@@ -15,6 +14,7 @@ from rpms_ros.cli.options import (
     add_reading_options,
     add_verdict_option,
     compile_estimator,
+    options_of,
     progress,
     warn,
 )
@@ -53,8 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
     from rpms_ros.identification.quality.verdict import GRADES
     from rpms_ros.report.study import StudyOptions, StudyTable, finished, found_recordings
 
-    names = [field.name for field in fields(StudyOptions) if hasattr(arguments, field.name)]
-    options = StudyOptions(**{name: getattr(arguments, name) for name in names})
+    options = options_of(StudyOptions, arguments)
     # options that no recording can be identified with are told once, not with each of them
     options.build()
     recordings = found_recordings(arguments.bags, arguments.out)

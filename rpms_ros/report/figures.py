@@ -450,21 +450,17 @@ def as_svg(name: str, report: SessionReport) -> bytes:
     return file.getvalue()
 
 
-def write_figures(folder: Path, report: SessionReport) -> list[Path]:
-    """Write all figures as PNG and SVG files; return their paths.
+def write_figures(folder: Path, report: SessionReport) -> None:
+    """Write all figures as PNG and SVG files.
 
     Raises
     ------
     ReportError
         If they cannot be written.
     """
-    written: list[Path] = []
     for name in names_of(report):
-        paths = [folder / f'{name}.{ending}' for ending in ('png', 'svg')]
         with style():
-            save_figure(draw(name, report), *paths)
-        written += paths
-    return written
+            save_figure(draw(name, report), folder / f'{name}.png', folder / f'{name}.svg')
 
 
 def style() -> AbstractContextManager[None]:

@@ -135,9 +135,7 @@ def recorded_messages(
     return found
 
 
-def true_muscle(
-    recording: 'Recording', rate_hz: float, memory: int | None = None
-) -> KnownMuscle | None:
+def true_muscle(recording: 'Recording', rate_hz: float) -> KnownMuscle | None:
     """Return the muscle of a simulated recording, None if it has none.
 
     Parameters
@@ -146,8 +144,6 @@ def true_muscle(
         Of a simulator, or not.
     rate_hz : float
         Rate for which the curve is stated, where only the notes tell the muscle [Hz].
-    memory : int, optional
-        What reading may take, as of `read_recording` [bytes].
 
     Raises
     ------
@@ -156,7 +152,7 @@ def true_muscle(
     """
     facts, truths = recording.facts, []
     if any(topic.type_name == messages.MUSCLE_TRUTH for topic in facts.topics):
-        truths = recorded_messages(facts.path, memory, (messages.MUSCLE_TRUTH,)).truths
+        truths = recorded_messages(facts.path, None, (messages.MUSCLE_TRUTH,)).truths
     return known_muscle(truths, facts.custom, rate_hz)
 
 

@@ -221,9 +221,7 @@ def _stamps(file: SignalFile, signal: Signal, guess: Guess, options: ImportOptio
         return _rising(file, signal.name, signal.time, 1.0)
     rate = options.sampling_rate or file.sampling_rate_hz
     assert rate is not None
-    steps = np.arange(len(signal.values)) * (NANOSECONDS_PER_SECOND / rate)
-    stamps: IntArray = np.rint(steps).astype(np.int64)
-    return stamps
+    return stamps(np.arange(len(signal.values)) / rate)
 
 
 def _finite(file: SignalFile, signal: Signal) -> None:
