@@ -202,13 +202,11 @@ def from_arrays(
         if values.ndim != 1 or not len(values) or not np.all(np.abs(values) < _LATEST_S):
             raise RecordingError(f'expected finite times in s in {what}, got {values}')
         if (late := np.flatnonzero(np.diff(values) <= 0.0)).size:
-            raise RecordingError(
-                f'expected rising {what}, got {values[late[0]]} and then {values[late[0] + 1]}'
-            )
+            fault = f'expected rising {what}, got {values[late[0]]} and then {values[late[0] + 1]}'
+            raise RecordingError(fault)
     if newtons.shape != seconds.shape:
-        raise RecordingError(
-            f'expected a force for each of {len(seconds)} times, got {newtons.shape}'
-        )
+        fault = f'expected a force for each of {len(seconds)} times, got {newtons.shape}'
+        raise RecordingError(fault)
     shares = np.asarray(intensity, dtype=float)
     if shares.shape not in ((), onsets.shape):
         raise RecordingError(
@@ -241,9 +239,8 @@ def recording_of(found: Imported, path: Path, storage: str, sign: int, quantity:
         If the file holds another quantity than the one that is asked for.
     """
     if quantity not in (FORCE, found.quantity):
-        raise RecordingError(
-            f'expected a {quantity}, got a {found.quantity} in {path}; --force-unit decides'
-        )
+        fault = f'expected a {quantity}, got a {found.quantity} in {path}; --force-unit decides'
+        raise RecordingError(fault)
     forces = ForceTrace(found.forces.stamp_ns, sign * found.forces.force, found.forces.frame_id)
     return as_recording(found.pulses, forces, path, storage, found.quantity)
 

@@ -135,9 +135,8 @@ def named_schedule(
         return known[name]()
     path = Path(name)
     if not path.exists():
-        raise StimulationError(
-            f'expected a schedule of {", ".join(SCHEDULES)} or a file, got {name}'
-        )
+        fault = f'expected a schedule of {", ".join(SCHEDULES)} or a file, got {name}'
+        raise StimulationError(fault)
     return load_schedule(path)
 
 

@@ -43,9 +43,8 @@ def run(arguments: argparse.Namespace) -> int:
     from rpms_ros.stimulation.records.append_only import verify_log
 
     if not arguments.file.is_file():
-        raise StimulationError(
-            f'expected an audit log or a dose ledger, got no regular file at {arguments.file}'
-        )
+        fault = f'expected an audit log or a dose ledger, got no regular file at {arguments.file}'
+        raise StimulationError(fault)
     found = verify_log(arguments.file, purpose=None)
     kinds = frozenset(arguments.only.split(',')) if arguments.only else None
     print('\n'.join(report(arguments.file, found, kinds)))

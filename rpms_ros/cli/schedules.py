@@ -99,9 +99,8 @@ def run_protocol(arguments: argparse.Namespace) -> int:
         with arguments.out.open('x', encoding='utf-8') as file:
             file.write(schedule_to_text(schedule))
     except OSError as error:
-        raise StimulationError(
-            f'expected a file to write, got {arguments.out}: {error}'
-        ) from error
+        fault = f'expected a file to write, got {arguments.out}: {error}'
+        raise StimulationError(fault) from error
     plan = schedule.plan
     print(
         f'{arguments.out}: {counted(len(plan), "pulse")} in {plan.duration_s:g} s, '

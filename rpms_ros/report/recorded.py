@@ -129,9 +129,8 @@ def recorded_messages(
             except _NOT_THERE:
                 found.unreadable += 1
     if len(topics) > 1:
-        raise RecordingError(
-            f'expected estimates of one identifier in {path}, got {", ".join(sorted(topics))}'
-        )
+        fault = f'expected estimates of one identifier in {path}, got {", ".join(sorted(topics))}'
+        raise RecordingError(fault)
     return found
 
 

@@ -136,9 +136,8 @@ def identified(
     """
     count = isinstance(most_estimates, int | np.integer) and most_estimates >= 1
     if most_estimates is not None and not count:
-        raise IdentificationError(
-            f'expected most_estimates as a whole number from 1 on, got {most_estimates!r}'
-        )
+        fault = f'expected most_estimates as a whole number from 1 on, got {most_estimates!r}'
+        raise IdentificationError(fault)
     session = replayed(recording, options.build(), progress, most_estimates)
     # a preset of the paper is chosen for its model
     chosen = options.estimator == 'batch' and options.preset == PEOPLE_PRESET

@@ -192,9 +192,8 @@ def read_excel(path: Path, sheet: str | None = None) -> SignalFile:
 def _chosen(path: Path, names: list[str], sheet: str | None) -> str:
     """Return the name of the sheet that is read."""
     if sheet is None and len(names) != 1:
-        raise RecordingError(
-            f'expected one sheet in {path}, got {", ".join(names)}: --sheet NAME decides'
-        )
+        fault = f'expected one sheet in {path}, got {", ".join(names)}: --sheet NAME decides'
+        raise RecordingError(fault)
     if sheet is not None and sheet not in names:
         raise RecordingError(f'expected a sheet of {", ".join(names)} in {path}, got {sheet!r}')
     return sheet or names[0]

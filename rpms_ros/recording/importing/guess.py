@@ -118,9 +118,8 @@ def guess_by(file: SignalFile, options: ImportOptions) -> Guess:
     list_in, pulses_told = None, repr(pulse)
     if is_list:
         if gate is None or gate.time is not None:
-            raise RecordingError(
-                f'expected a list of pulses in no stated unit with --pulse-unit, got {pulse!r}'
-            )
+            fault = f'expected a list of pulses in no stated unit with --pulse-unit, got {pulse!r}'
+            raise RecordingError(fault)
         seconds = _seconds(sensor, column, TIME_UNITS[unit], rate)
         list_in, reason = list_unit(gate, seconds, options.pulse_unit, options.time_unit)
         pulses_told = described(gate, list_in, reason)

@@ -115,9 +115,8 @@ def types_of(type_name: str, text: str, encoding: str) -> Typestore:
         fields_of(store, type_name)
     except _ERRORS as error:
         reason = str(error).splitlines() or [type(error).__name__]
-        raise RecordingError(
-            f'expected a definition of {type_name} that can be used, got {reason[0]:.200}'
-        ) from error
+        fault = f'expected a definition of {type_name} that can be used, got {reason[0]:.200}'
+        raise RecordingError(fault) from error
     return store
 
 

@@ -285,9 +285,8 @@ class TopicReading:
         if len(fitting) == 1:
             return fitting[0]
         if fitting:
-            raise RecordingError(
-                f'expected one topic {self._name} in {scan.path}, got {", ".join(fitting)}'
-            )
+            fault = f'expected one topic {self._name} in {scan.path}, got {", ".join(fitting)}'
+            raise RecordingError(fault)
         others = ', '.join(f'{name} ({kind})' for name, kind in sorted(scan.topics)) or 'no topics'
         raise RecordingError(f'expected topic {self._name} in {scan.path}, got {others}')
 
