@@ -194,10 +194,8 @@ def _show(
     else:
         last, counts = estimates[-1], launcher.recorder.counts
         lost = launcher.recorder.lost.get('force', 0)
-        found = '  '.join(
-            f'{name} {value:.3g}'
-            for name, value in zip(last.nonlinear_names, last.nonlinear, strict=True)
-        )
+        parameters = zip(last.nonlinear_names, last.nonlinear, strict=True)
+        found = '  '.join(f'{name} {value:.3g}' for name, value in parameters)
         line = (
             f'{duration - status.time_left:5.1f} s  '
             f'curve error {100 * truth.error(last):5.1f} %  {found}  '

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from rpms_ros.cli.options import Subparsers, add_command, add_option
+from rpms_ros.cli.options import Subparsers, add_command, add_option, add_sensor_options
 from rpms_ros.errors import LiveError
 
 EVERYWHERE = '0.0.0.0'
@@ -34,10 +34,7 @@ def add_live(subparsers: Subparsers) -> None:
     for name in ('force', 'pulses'):
         text = f'topic of the {name}, relative to the namespace'
         add_option(group, f'--{name}-topic NAME', name, text)
-    text = 'axis of the wrench along which the muscle pulls: x, y, z, -x or 0.6,0,0.8'
-    add_option(group, '--axis AXIS', 'z', text)
-    text = 'what the sensor measures'
-    add_option(group, '--quantity', 'force', text, choices=('force', 'torque'))
+    add_sensor_options(group)
 
 
 def run_live(arguments: argparse.Namespace) -> int:

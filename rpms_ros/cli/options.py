@@ -112,13 +112,18 @@ def add_reading_options(parser: argparse.ArgumentParser) -> None:
     add_topic_options(parser)
     add_memory_option(parser)
     group = parser.add_argument_group('what the force is')
+    text = '-1 if the sensor shows the pull of the muscle as negative'
+    add_option(group, '--sign', 1, text, choices=(1, -1))
+    add_sensor_options(group)
+
+
+def add_sensor_options(group: 'argparse._ActionsContainer') -> None:
+    """Add what is read of a wrench."""
     text = (
         'axis of the wrench along which the muscle pulls: x, y, z, -x or a direction as '
         '0.6,0,0.8; write --axis=-z, with the sign of equality before a minus'
     )
     add_option(group, '--axis AXIS', 'z', text)
-    text = '-1 if the sensor shows the pull of the muscle as negative'
-    add_option(group, '--sign', 1, text, choices=(1, -1))
     text = (
         'what the sensor measures; of an isometric dynamometer the torque of the wrench is read '
         'instead of its force, and everything is in N m'

@@ -78,12 +78,10 @@ def _facts_of_file(recording: 'Recording') -> 'RecordingFacts':
     from rpms_ros.recording.rosbag.scan import TopicFacts
 
     pulses, forces = recording.pulses.onset_ns, recording.forces.stamp_ns
+    found = (('pulses', 'pulses', pulses), (recording.quantity, 'samples', forces))
     topics = tuple(
         TopicFacts(name, kind, len(stamps), int(stamps[0]), int(stamps[-1]))
-        for name, kind, stamps in (
-            ('pulses', 'pulses', pulses),
-            (recording.quantity, 'samples', forces),
-        )
+        for name, kind, stamps in found
         if len(stamps)
     )
     return replace(recording.facts, topics=topics)

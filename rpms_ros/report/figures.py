@@ -402,7 +402,6 @@ _STYLE: dict[Any, Any] = {
     'legend.fontsize': 9.5,
     # Text stays text: it can be searched, copied and read aloud.
     'svg.fonttype': 'none',
-    'path.simplify': True,
     'path.simplify_threshold': 0.3,
     # ids that do not change from run to run
     'svg.hashsalt': 'rpms_ros',

@@ -208,9 +208,8 @@ def _is_result(path: Path, out: Path | None) -> bool:
         return True
     if path.is_file():
         return path.suffix in _RESULT_FILES
-    if not path.is_dir() or _is_recording(path):
-        return False
-    return any(one.name in _RESULTS for one in path.iterdir())
+    folder = path.is_dir() and not _is_recording(path)
+    return folder and any(one.name in _RESULTS for one in path.iterdir())
 
 
 def _is_recording(path: Path) -> bool:

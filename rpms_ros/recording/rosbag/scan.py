@@ -21,7 +21,6 @@ from rpms_ros.recording.rosbag.mcap_files import McapFile
 from rpms_ros.recording.rosbag.metadata import NAME as METADATA, read_metadata
 from rpms_ros.recording.rosbag.records import (
     ZSTD_MAGIC,
-    Batch,
     Budget,
     Channel,
     Findings,
@@ -152,8 +151,12 @@ class Scan:
 
     def _file(self, path: Path, progress: Progress | None) -> Iterator[tuple[Channel, Records]]:
         with self._opened(path) as file:
-            for batch in file.batches():
-                for number, records in self._placed(batch):
+            for topic, batch in file.batches():
+                place = np.arange(self._count, self._count + len(topic))
+                self._count += len(topic)
+                whole = replace(batch, place=place)
+                for number in np.unique(topic).tolist():
+                    records = whole.select(topic == number)
                     if number not in file.channels:
                         remark = f'messages of topic number {number} left out: {path.name} '
                         remark += 'does not describe it'
@@ -185,15 +188,6 @@ class Scan:
             if not complete:
                 self.findings.add('truncated_file', f'{path.name} is cut off or damaged')
             yield reader(plain, self.findings, self.budget)
-
-    def _placed(self, batch: Batch) -> Iterator[tuple[int, Records]]:
-        """Yield the messages of each topic with its number, and count their places."""
-        topic, records = batch
-        place = np.arange(self._count, self._count + len(topic), dtype=np.int64)
-        self._count += len(topic)
-        whole = replace(records, place=place)
-        for number in np.unique(topic).tolist():
-            yield number, whole.select(topic == number)
 
 
 def _unpacked(records: Records, budget: Budget) -> Records:
