@@ -209,16 +209,14 @@ class _Reader:
             self._refuse(fault, place)
         if key in parent.children:
             first = parent.children[key].line
-            self._refuse(
-                f'expected the key once, got it again after line {first}', join(place, key)
-            )
+            fault = f'expected the key once, got it again after line {first}'
+            self._refuse(fault, join(place, key))
         return key
 
     def _text(self, value: str, place: str) -> str:
         if len(value) > LONGEST_TEXT:
-            self._refuse(
-                f'expected at most {LONGEST_TEXT} characters of text, got {len(value)}', place
-            )
+            fault = f'expected at most {LONGEST_TEXT} characters of text, got {len(value)}'
+            self._refuse(fault, place)
         if not value.replace('\n', '').replace('\t', '').isprintable():
             self._refuse(f'expected printable text, got {shown(value)}', place)
         return value

@@ -238,16 +238,12 @@ def _banded(
 
 
 def _texts(one: Estimate) -> dict[str, str]:
+    faults = json.dumps(dict(one.faults), sort_keys=True)
+    found = {'estimator': one.estimator, 'faults': faults, 'doubts': '; '.join(one.doubts)}
     flags = one.nonlinear_identifiability.tolist()
-    return {
-        'estimator': one.estimator,
-        'faults': json.dumps(dict(one.faults), sort_keys=True),
-        'doubts': '; '.join(one.doubts),
-        **{
-            f'{name}_determined': IDENTIFIABILITY.get(flag, '')
-            for name, flag in zip(one.nonlinear_names, flags, strict=False)
-        },
-    }
+    for name, flag in zip(one.nonlinear_names, flags, strict=False):
+        found[f'{name}_determined'] = IDENTIFIABILITY.get(flag, '')
+    return found
 
 
 @dataclass(frozen=True)
@@ -293,11 +289,8 @@ def compare(live: Sequence[Estimate], replayed: Sequence[Estimate]) -> Agreement
 
 def differences(first: Estimate, second: Estimate) -> list[str]:
     """Return the names of the fields that differ in any bit."""
-    return [
-        field.name
-        for field in fields(Estimate)
-        if not _same(getattr(first, field.name), getattr(second, field.name))
-    ]
+    names = (field.name for field in fields(Estimate))
+    return [name for name in names if not _same(getattr(first, name), getattr(second, name))]
 
 
 def _same(first: Any, second: Any) -> bool:

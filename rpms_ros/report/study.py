@@ -258,11 +258,9 @@ class StudyTable:
 
     def rows(self) -> list[Row]:
         """Return the rows that are there, in the order of the recordings, every column set."""
-        return [
-            dict.fromkeys(columns()) | self._rows[path] | {'recording': str(path)}
-            for path in self.recordings
-            if path in self._rows
-        ]
+        empty: Row = dict.fromkeys(columns())
+        done = (path for path in self.recordings if path in self._rows)
+        return [empty | self._rows[path] | {'recording': str(path)} for path in done]
 
     def add(self, path: Path, row: Row) -> None:
         """Take a row."""
@@ -298,11 +296,9 @@ class StudyTable:
                 sessions.setdefault(row['session_hash'], []).append(row['recording'])
             if row['twitch_time_constant_s'] is not None and row['verdict'] != 'no':
                 models.add(row['train_model'] or 'response to one pulse')
-        remarks = [
-            f'{", ".join(same)} hold the same pulses and forces: they count more than once'
-            for same in sessions.values()
-            if len(same) > 1
-        ]
+        twice = (', '.join(paths) for paths in sessions.values() if len(paths) > 1)
+        alike = 'hold the same pulses and forces: they count more than once'
+        remarks = [f'{paths} {alike}' for paths in twice]
         if len(models) > 1:
             remarks.append(
                 f'T_a is that of different models ({", ".join(sorted(models))}), which do not '

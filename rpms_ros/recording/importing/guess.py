@@ -142,11 +142,9 @@ def _seconds(force: Signal, time: Signal | None, unit: float, rate: float | None
 
 def _length_of_force(file: SignalFile, force: str | None) -> int:
     """Return the samples of the force, or of the longest signal that may be it."""
-    likely = [
-        one
-        for one in file.signals
-        if (one.name == force if force else _has_force_unit(one) or _FORCE.search(one.name))
-    ]
+    likely = [one for one in file.signals if _has_force_unit(one) or _FORCE.search(one.name)]
+    if force:
+        likely = [one for one in file.signals if one.name == force]
     return max((len(one.values) for one in likely or file.signals), default=0)
 
 

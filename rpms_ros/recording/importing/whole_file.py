@@ -124,15 +124,13 @@ def import_file(path: Path, options: ImportOptions) -> Imported:
     if left := [name for name in names if name not in used]:
         remarks.append(('not used', ', '.join(map(repr, left))))
     if options.intensity == 1.0:
-        remarks += [
-            ('warning', f'each pulse has the intensity 1; --intensity {name!r} decides otherwise')
-            for name in left
-            if 'intens' in name.lower()
-        ]
+        text = 'each pulse has the intensity 1; --intensity {!r} decides otherwise'
+        named = (name for name in left if 'intens' in name.lower())
+        remarks += [('warning', text.format(name)) for name in named]
     read = (('file', ', '.join((file.kind, *file.facts))), *guess.reasons, *remarks)
-    named = None not in (options.time, options.force, options.pulse)
+    all_given = None not in (options.time, options.force, options.pulse)
     told = remarks or any(text.endswith('decides)') for _, text in guess.reasons)
-    return Imported(pulses, forces, read, bool(told or not named), guess.quantity)
+    return Imported(pulses, forces, read, bool(told or not all_given), guess.quantity)
 
 
 def _intensities(

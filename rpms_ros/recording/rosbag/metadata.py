@@ -71,8 +71,7 @@ def read_metadata(path: Path, findings: Findings) -> dict[str, Any]:
     # mcap files have quicker checksums
     for name in (path.name, *(name for name in sums if name.endswith('.db3'))):
         if not fits(path.parent / name, sums.get(name)):
-            found = f'{name} is not what was written: its SHA-256 differs'
-            findings.add('wrong_checksum', found)
+            findings.add('wrong_checksum', f'{name} is not what was written: its SHA-256 differs')
     return metadata
 
 
