@@ -272,10 +272,8 @@ def _not_told(course: Course) -> str:
         if NO_CONSTANT_MUSCLE in course.estimates[-1].doubts:
             return f'{REASON[NO_CONSTANT_MUSCLE].capitalize()}.'
         return 'One muscle explains all of the recording.'
-    return (
-        f'The estimator {name} assumes a muscle that does not change; the estimator '
-        'tracking can find out.'
-    )
+    assumed = f'The estimator {name} assumes a muscle that does not change'
+    return f'{assumed}; the estimator tracking can find out.'
 
 
 def _same(course: Course) -> str:

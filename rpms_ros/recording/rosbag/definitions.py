@@ -198,14 +198,10 @@ def differs_from_known(type_name: str, types: Typestore) -> bool:
 def has_fixed_places(fields: Sequence[Field]) -> bool:
     """Tell whether the places of all fields follow from the length of at most one string."""
     strings = [field.count for field in fields if field.kind == 'string']
-    return (
-        strings in ([], [1])
-        and len({field.path for field in fields}) == len(fields)
-        and all(
-            0 < field.count <= _MOST_FIELDS and (field.number or field.kind == 'string')
-            for field in fields
-        )
-    )
+    paths = {field.path for field in fields}
+    counted = all(0 < field.count <= _MOST_FIELDS for field in fields)
+    known = all(field.number or field.kind == 'string' for field in fields)
+    return strings in ([], [1]) and len(paths) == len(fields) and counted and known
 
 
 @lru_cache(1000)
