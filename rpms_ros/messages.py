@@ -106,6 +106,5 @@ def force_message(
     x, y, z = (share * float(force) if share else 0.0 for share in axis)
     vector = types[VECTOR]
     none = vector(x=0.0, y=0.0, z=0.0)
-    parts = {FORCE: none, TORQUE: none, quantity: vector(x=x, y=y, z=z)}
-    wrench = types[WRENCH](**parts)
+    wrench = types[WRENCH](**{FORCE: none, TORQUE: none, quantity: vector(x=x, y=y, z=z)})
     return types[WRENCH_STAMPED](header=header_message(stamp_ns, frame_id, types), wrench=wrench)

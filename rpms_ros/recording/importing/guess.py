@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rpms_ros.axis import FORCE, TORQUE
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import FloatArray
 from rpms_ros.recording.importing.gates import (
@@ -77,11 +76,6 @@ class Guess:
     pulse: str
     reasons: tuple[tuple[str, str], ...]
     pulse_unit: str | None = None
-
-    @property
-    def quantity(self) -> str:
-        """What the sensor measured: ``force`` or ``torque``."""
-        return TORQUE if self.force_unit in TORQUE_UNITS else FORCE
 
 
 def guess_by(file: SignalFile, options: ImportOptions) -> Guess:

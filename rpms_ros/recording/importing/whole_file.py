@@ -13,7 +13,7 @@ from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 
-from rpms_ros.axis import FORCE
+from rpms_ros.axis import FORCE, TORQUE
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import (
     NANOSECONDS_PER_SECOND,
@@ -36,6 +36,7 @@ from rpms_ros.recording.importing.signals import (
     SAMPLES,
     SENSOR_UNITS,
     TIME_UNITS,
+    TORQUE_UNITS,
     ImportOptions,
     Signal,
     SignalFile,
@@ -128,9 +129,10 @@ def import_file(path: Path, options: ImportOptions) -> Imported:
         named = (name for name in left if 'intens' in name.lower())
         remarks += [('warning', text.format(name)) for name in named]
     read = (('file', ', '.join((file.kind, *file.facts))), *guess.reasons, *remarks)
+    quantity = TORQUE if guess.force_unit in TORQUE_UNITS else FORCE
     all_given = None not in (options.time, options.force, options.pulse)
     told = remarks or any(text.endswith('decides)') for _, text in guess.reasons)
-    return Imported(pulses, forces, read, bool(told or not all_given), guess.quantity)
+    return Imported(pulses, forces, read, bool(told or not all_given), quantity)
 
 
 def _intensities(
