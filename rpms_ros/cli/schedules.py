@@ -144,9 +144,10 @@ def run_check(arguments: argparse.Namespace) -> int:
         specification = for_session(specification, patient)
     ahead = forecast(schedule, specification, patient.dose if patient else None)
     if arguments.json:
-        names = ('deliverable', 'mean_power_w', 'energy_j', 'max_rate_hz', 'waits_s')
-        document = {name: getattr(ahead, name) for name in names}
-        document['violations'] = [asdict(found) for found in ahead.violations]
+        violations = [asdict(found) for found in ahead.violations]
+        document = {'deliverable': ahead.deliverable, 'violations': violations}
+        names = ('mean_power_w', 'energy_j', 'max_rate_hz', 'waits_s')
+        document |= {name: getattr(ahead, name) for name in names}
         print(json.dumps({**document, 'temperature_c': ahead.highest_temperature}))
     else:
         print('\n'.join(report(schedule, specification, ahead, patient)))
