@@ -63,11 +63,7 @@ def use_cache_of(package: Path) -> None:
                 if 'numba' in sys.modules:
                     # It has read its environment already.
                     sys.modules['numba'].config.CACHE_DIR = str(folder)
-                _forget_old_states(base)
+                states = sorted(base.glob(f'{_PREFIX}*'), key=lambda path: path.stat().st_mtime)
+                for state in states[:-_MOST_STATES]:
+                    shutil.rmtree(state, ignore_errors=True)
                 return
-
-
-def _forget_old_states(base: Path) -> None:
-    states = sorted(base.glob(f'{_PREFIX}*'), key=lambda path: path.stat().st_mtime)
-    for state in states[:-_MOST_STATES]:
-        shutil.rmtree(state, ignore_errors=True)

@@ -8,6 +8,8 @@ Every message reads ``expected <condition>, got <value>`` and names the thing th
 import math
 from numbers import Integral
 
+MISREAD = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
+"""What a parser of a library may raise at a text that is not what it expects."""
 LARGEST_SEED = 2**53
 """Largest seed: JSON and YAML readers that use doubles hold it exactly."""
 

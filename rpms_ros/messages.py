@@ -102,11 +102,9 @@ def force_message(
 
     If `quantity` is `TORQUE` it is a torque [N m] about the axis, and there is no force.
     """
-    along = float(force)
     # no 0 * nan: a bad sample is bad along the axis only
-    x, y, z = (share * along if share else 0.0 for share in axis)
+    x, y, z = (share * float(force) if share else 0.0 for share in axis)
     vector = types[VECTOR]
     none = vector(x=0.0, y=0.0, z=0.0)
-    parts = {FORCE: none, TORQUE: none, quantity: vector(x=x, y=y, z=z)}
-    wrench = types[WRENCH](**parts)
+    wrench = types[WRENCH](**{FORCE: none, TORQUE: none, quantity: vector(x=x, y=y, z=z)})
     return types[WRENCH_STAMPED](header=header_message(stamp_ns, frame_id, types), wrench=wrench)

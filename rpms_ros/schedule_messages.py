@@ -105,9 +105,8 @@ def _items(entries: Sequence[Entry], start: int, stop: int, depth: int) -> Items
 def _entry(message: Any, place: str) -> Entry:
     number = int(message.kind)
     if not 1 <= number <= len(KINDS):
-        raise DescriptionError(
-            f'{place}.kind', f'expected a number from 1 to {len(KINDS)}, got {number}'
-        )
+        fault = f'expected a number from 1 to {len(KINDS)}, got {number}'
+        raise DescriptionError(f'{place}.kind', fault)
     kind = KINDS[number - 1]
     read = _REPEAT if kind == 'repeat' else tuple(bounded_names(SEGMENT_KINDS[kind]))
     entry: Entry = {'kind': kind}

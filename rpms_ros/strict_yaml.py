@@ -13,7 +13,7 @@ from typing import Any, NoReturn
 
 import yaml
 
-from rpms_ros.errors import RpmsError
+from rpms_ros.errors import MISREAD, RpmsError
 
 LARGEST_DOCUMENT = 200_000
 """Characters."""
@@ -34,10 +34,7 @@ _FLOAT = re.compile(r'[-+]?(\.[0-9]+|(0|[1-9][0-9]*)(\.[0-9]*)?)([eE][-+]?[0-9]+
 # What YAML 1.1, another language or a person takes for a number, and this schema does not.
 _DOUBTFUL = re.compile(r'[-+]?[0-9][0-9_:,]*([.][0-9_]*)?([eE][-+]?[0-9]+)?|[-+]?0[xXoObB]\w*')
 
-_PARSER_FAULTS = (
-    yaml.YAMLError, ArithmeticError, AssertionError, AttributeError, LookupError, RecursionError,
-    TypeError, ValueError,
-)  # fmt: skip
+_PARSER_FAULTS = (yaml.YAMLError, AssertionError, *MISREAD)
 
 
 class YamlError(RpmsError):
@@ -212,16 +209,14 @@ class _Reader:
             self._refuse(fault, place)
         if key in parent.children:
             first = parent.children[key].line
-            self._refuse(
-                f'expected the key once, got it again after line {first}', join(place, key)
-            )
+            fault = f'expected the key once, got it again after line {first}'
+            self._refuse(fault, join(place, key))
         return key
 
     def _text(self, value: str, place: str) -> str:
         if len(value) > LONGEST_TEXT:
-            self._refuse(
-                f'expected at most {LONGEST_TEXT} characters of text, got {len(value)}', place
-            )
+            fault = f'expected at most {LONGEST_TEXT} characters of text, got {len(value)}'
+            self._refuse(fault, place)
         if not value.replace('\n', '').replace('\t', '').isprintable():
             self._refuse(f'expected printable text, got {shown(value)}', place)
         return value

@@ -15,7 +15,7 @@ from rpms_ros.identification import IdentifiedSession
 from rpms_ros.identification.quality.explained_force import Stated
 from rpms_ros.identification.quality.verdict import Verdict
 from rpms_ros.report.result import Curve, IdentificationResult, ImpulseResponse, result_rows
-from rpms_ros.report.text import labelled
+from rpms_ros.report.text import labelled, write_text
 from rpms_ros.schema import plain
 
 if TYPE_CHECKING:
@@ -200,10 +200,7 @@ class Identification:
         """
         text = json.dumps(self.to_dict(), allow_nan=False, indent=1)
         if path is not None:
-            try:
-                Path(path).write_text(text, encoding='utf-8')
-            except OSError as error:
-                raise ReportError(f'expected to write {path}, got {error}') from error
+            write_text(Path(path), text)
         return text
 
     def __repr__(self) -> str:

@@ -4,6 +4,7 @@
 
 import re
 from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -138,21 +139,9 @@ def load(
         time, force, pulse = columns
         time_unit = time_unit or 's'
         force_unit = force_unit if force_unit or force_scale else 'N'
-    options = ImportOptions(
-        time=time,
-        force=force,
-        pulse=pulse,
-        time_unit=time_unit,
-        force_unit=force_unit,
-        pulse_unit=pulse_unit,
-        force_scale=force_scale,
-        sampling_rate=sampling_rate,
-        threshold=threshold,
-        edge=edge,
-        intensity=intensity,
-        block=block,
-        sheet=sheet,
-    )
+    # each option has the name of its keyword here
+    keywords = locals()
+    options = ImportOptions(**{one.name: keywords[one.name] for one in fields(ImportOptions)})
     if is_foreign(place):
         if sign not in (1, -1):
             raise RecordingError(f'expected sign 1 or -1, got {sign!r}')
@@ -213,13 +202,11 @@ def from_arrays(
         if values.ndim != 1 or not len(values) or not np.all(np.abs(values) < _LATEST_S):
             raise RecordingError(f'expected finite times in s in {what}, got {values}')
         if (late := np.flatnonzero(np.diff(values) <= 0.0)).size:
-            raise RecordingError(
-                f'expected rising {what}, got {values[late[0]]} and then {values[late[0] + 1]}'
-            )
+            fault = f'expected rising {what}, got {values[late[0]]} and then {values[late[0] + 1]}'
+            raise RecordingError(fault)
     if newtons.shape != seconds.shape:
-        raise RecordingError(
-            f'expected a force for each of {len(seconds)} times, got {newtons.shape}'
-        )
+        fault = f'expected a force for each of {len(seconds)} times, got {newtons.shape}'
+        raise RecordingError(fault)
     shares = np.asarray(intensity, dtype=float)
     if shares.shape not in ((), onsets.shape):
         raise RecordingError(
@@ -252,9 +239,8 @@ def recording_of(found: Imported, path: Path, storage: str, sign: int, quantity:
         If the file holds another quantity than the one that is asked for.
     """
     if quantity not in (FORCE, found.quantity):
-        raise RecordingError(
-            f'expected a {quantity}, got a {found.quantity} in {path}; --force-unit decides'
-        )
+        fault = f'expected a {quantity}, got a {found.quantity} in {path}; --force-unit decides'
+        raise RecordingError(fault)
     forces = ForceTrace(found.forces.stamp_ns, sign * found.forces.force, found.forces.frame_id)
     return as_recording(found.pulses, forces, path, storage, found.quantity)
 

@@ -18,7 +18,7 @@ from rpms_ros.errors import RecordingError, StimulationError
 from rpms_ros.muscle import Contraction, Subject, subject_by_name
 from rpms_ros.muscle.scenario import Scenario, load_scenario
 from rpms_ros.muscle.simulation import Surroundings, Truth, simulate_session
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND, IntArray
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, IntArray, stamps
 from rpms_ros.recording.rosbag.definitions import encoded, known_types
 from rpms_ros.recording.rosbag.writing import FurtherTopic
 from rpms_ros.report.known_muscle import of_truths
@@ -37,8 +37,8 @@ START_NS = 1_700_000_000 * NANOSECONDS_PER_SECOND
 """A fixed time, so that the same options make the same session in every bit [ns]."""
 _STAIRS = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
 _HIGHEST_RATE = 1e6
-# How often the truth of a muscle that changes is noted [Hz].
-_TRUTH_RATE = 10.0
+TRUTH_RATE = 10.0
+"""How often the truth of a muscle that changes is noted [Hz]."""
 
 
 def simulate(
@@ -108,7 +108,7 @@ def simulate(
         Surroundings(happens, seed),
         pulses,
         sample_times(schedule.length_s, force_rate_hz),
-        _TRUTH_RATE if scenario is not None else 0.0,
+        TRUTH_RATE if scenario is not None else 0.0,
     )
     recording = as_recording(pulses, forces, Path('simulated'), 'simulation')
     truth = of_truths(truths, muscle)
@@ -135,9 +135,8 @@ def named_schedule(
         return known[name]()
     path = Path(name)
     if not path.exists():
-        raise StimulationError(
-            f'expected a schedule of {", ".join(SCHEDULES)} or a file, got {name}'
-        )
+        fault = f'expected a schedule of {", ".join(SCHEDULES)} or a file, got {name}'
+        raise StimulationError(fault)
     return load_schedule(path)
 
 
@@ -153,16 +152,11 @@ def sample_times(length_s: float, rate_hz: float) -> IntArray:
         raise RecordingError(
             f'expected a rate of the force above 0 and up to {_HIGHEST_RATE:g} Hz, got {rate_hz}'
         )
-    count = np.arange(round(length_s * rate_hz), dtype=np.int64)
-    elapsed: IntArray = np.rint(count * (NANOSECONDS_PER_SECOND / rate_hz)).astype(np.int64)
-    return elapsed + START_NS
-
-
-TRUTH_TOPIC = '/truth'
+    return START_NS + stamps(np.arange(round(length_s * rate_hz)) / rate_hz)
 
 
 def truth_topic(truths: Sequence[Truth]) -> FurtherTopic:
     """Return the messages of topic ``/truth``, each received at its stamp."""
     kind, types = messages.MUSCLE_TRUTH, known_types().types
     contents = [encoded(estimate_messages.truth_message(one, types), kind) for one in truths]
-    return FurtherTopic(TRUTH_TOPIC, kind, [one.stamp_ns for one in truths], contents)
+    return FurtherTopic('/truth', kind, [one.stamp_ns for one in truths], contents)

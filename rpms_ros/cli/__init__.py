@@ -17,23 +17,17 @@ from rpms_ros.errors import RpmsError
 from rpms_ros.printable import printable
 
 _NEED_ROS = ('demo', 'live')
-COMMANDS = {
-    'identify': 'identify',
-    'report': 'report',
-    'info': 'recordings',
-    'verify': 'recordings',
-    'study': 'study',
-    'analyze': 'analyze',
-    'import': 'files',
-    'export': 'files',
-    'simulate': 'simulate',
-    'protocol': 'schedules',
-    'check': 'schedules',
-    'audit': 'audit',
-    'demo': 'demo',
-    'live': 'live',
+COMMANDS = (
+    *('identify', 'report', 'info', 'verify', 'study', 'analyze', 'import', 'export', 'simulate'),
+    *('protocol', 'check', 'audit', *_NEED_ROS),
+)
+"""In the order of the help: what needs ROS last."""
+_MODULES = {
+    **dict.fromkeys(('info', 'verify'), 'recordings'),
+    **dict.fromkeys(('import', 'export'), 'files'),
+    **dict.fromkeys(('protocol', 'check'), 'schedules'),
 }
-"""Module of this package for each command, in the order of the help: what needs ROS last."""
+"""Module of this package for each command whose name is not that of its module."""
 
 _DESCRIPTION = """\
 Identify a muscle that is stimulated by repetitive magnetic or electrical pulses.
@@ -81,8 +75,9 @@ def parser() -> argparse.ArgumentParser:
     )
     result.add_argument('--version', action='version', version=f'rpms_ros {__version__}')
     subparsers = result.add_subparsers(metavar='COMMAND', required=True)
-    for name, module in COMMANDS.items():
-        getattr(import_module(f'rpms_ros.cli.{module}'), f'add_{name}')(subparsers)
+    for name in COMMANDS:
+        module = import_module(f'rpms_ros.cli.{_MODULES.get(name, name)}')
+        getattr(module, f'add_{name}')(subparsers)
         subparsers.choices[name].set_defaults(parser=subparsers.choices[name], command=name)
     return result
 

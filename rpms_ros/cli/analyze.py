@@ -20,26 +20,12 @@ if TYPE_CHECKING:
 
 Session = tuple[PulseTrain, ForceTrace]
 _PAUSE_NS = 10 * NANOSECONDS_PER_SECOND
-_DESCRIPTION = """\
-Characterises a muscle: latency, twitch and its order from single pulses, summation and history
-from trains, the recruitment field from staircases. Sorts the pulses of a recording into these,
-analyses each kind, and reports what could not be analysed and why.
-"""
-_EXAMPLES = """\
-  rpms protocol muscle --out muscle.yaml
-  rpms simulate --out session --schedule muscle.yaml --subject rpms --noise 0.04 --artifact 4
-  rpms analyze session
-  rpms analyze session --out results            result.json and figures
-  rpms analyze session --json | jq .twitches.order.order
-  rpms analyze magnetic electrical              two recordings, one after the other
-  rpms analyze --together trial_1 trial_2       parts of one session, analysed as one
-"""
 
 
 def add_analyze(subparsers: Subparsers) -> None:
     """Add `rpms analyze`."""
     text = 'latency, twitch, summation and recruitment from a recording'
-    parser = add_command(subparsers, 'analyze', run, text, _DESCRIPTION, _EXAMPLES)
+    parser = add_command(subparsers, 'analyze', run, text)
     text = 'folder or file of a recording'
     parser.add_argument('bags', type=Path, nargs='+', metavar='BAG', help=text)
     text = 'one JSON object on stdout and nothing else there; a list for several recordings'
@@ -54,7 +40,22 @@ def add_analyze(subparsers: Subparsers) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Analyse the recordings; return 1 if one is faulty or nothing was found in it."""
+    """Analyse the recordings; return 1 if one is faulty or nothing was found in it.
+
+    Characterises a muscle: latency, twitch and its order from single pulses, summation and history
+    from trains, the recruitment field from staircases. Sorts the pulses of a recording into these,
+    analyses each kind, and reports what could not be analysed and why.
+
+    Examples
+    --------
+      rpms protocol muscle --out muscle.yaml
+      rpms simulate --out session --schedule muscle.yaml --subject rpms --noise 0.04 --artifact 4
+      rpms analyze session
+      rpms analyze session --out results            result.json and figures
+      rpms analyze session --json | jq .twitches.order.order
+      rpms analyze magnetic electrical              two recordings, one after the other
+      rpms analyze --together trial_1 trial_2       parts of one session, analysed as one
+    """
     from rpms_ros.report.analysis_report import analysis_document, analysis_text
 
     recordings = [read(bag, arguments) for bag in arguments.bags]

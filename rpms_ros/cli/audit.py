@@ -19,32 +19,32 @@ _STAMPS = frozenset({'number', 'kind', 'time', 'boot_id', 'boot_ns', 'previous',
 
 def add_audit(subparsers: Subparsers) -> None:
     """Add `rpms audit`."""
-    parser = add_command(
-        subparsers,
-        'audit',
-        run,
-        'verify an audit log or a dose ledger, and say what it holds',
-        "Verify the chain of hashes of a stimulator driver's audit log, or of a dose ledger, and\n"
-        'print its sessions: who did what, with which limits, what was refused, stopped and\n'
-        'reset.  The first broken record is named by its line.  Note the newest hash elsewhere:\n'
-        'it shows whether the end of the file was removed later.',
-        '  rpms audit audit.jsonl\n'
-        '  rpms audit audit.jsonl --only refusal,stop,reset\n'
-        'exit status: 0 whole, 1 broken or cut off at the end, 2 no such file',
-    )
+    text = 'verify an audit log or a dose ledger, and say what it holds'
+    parser = add_command(subparsers, 'audit', run, text)
     parser.add_argument('file', type=Path, help='audit log or dose ledger')
     add_option(parser, '--only KIND[,KIND]', None, 'print these kinds only, e.g. refusal,reset')
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Verify a file and print what it holds; return 0 if it is whole, 1 if not."""
+    """Verify a file and print what it holds; return 0 if it is whole, 1 if not.
+
+    Verify the chain of hashes of a stimulator driver's audit log, or of a dose ledger, and
+    print its sessions: who did what, with which limits, what was refused, stopped and
+    reset.  The first broken record is named by its line.  Note the newest hash elsewhere:
+    it shows whether the end of the file was removed later.
+
+    Examples
+    --------
+      rpms audit audit.jsonl
+      rpms audit audit.jsonl --only refusal,stop,reset
+    exit status: 0 whole, 1 broken or cut off at the end, 2 no such file
+    """
     from rpms_ros.errors import StimulationError
     from rpms_ros.stimulation.records.append_only import verify_log
 
     if not arguments.file.is_file():
-        raise StimulationError(
-            f'expected an audit log or a dose ledger, got no regular file at {arguments.file}'
-        )
+        fault = f'expected an audit log or a dose ledger, got no regular file at {arguments.file}'
+        raise StimulationError(fault)
     found = verify_log(arguments.file, purpose=None)
     kinds = frozenset(arguments.only.split(',')) if arguments.only else None
     print('\n'.join(report(arguments.file, found, kinds)))

@@ -10,7 +10,13 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rpms_ros.cli.options import Subparsers, add_command, add_option, add_preset_option
+from rpms_ros.cli.options import (
+    Subparsers,
+    add_command,
+    add_option,
+    add_preset_option,
+    add_simulation_options,
+)
 from rpms_ros.errors import NodeError
 
 if TYPE_CHECKING:
@@ -18,23 +24,6 @@ if TYPE_CHECKING:
     from rpms_ros.muscle.scenario import Scenario
     from rpms_ros.nodes.simulation_launcher import SimulationLauncher
 
-_DESCRIPTION = """\
-Starts a simulated muscle, a stimulator driver and the identifier as three ROS 2 nodes, each a
-process of its own, on this machine and in a DDS domain of their own.  The muscle is stimulated
-at 20 Hz and measured at 1 kHz; pulses, force and estimates are recorded.  At the end the
-identified curve is compared with the true one, and the recording is identified again off
-line, which has to give the same estimates in every bit.  With a scenario the muscle tires, the
-coil moves or the patient tenses, as in `rpms simulate --scenario`.
-"""
-_EXAMPLES = """\
-  rpms demo --live                           and open http://127.0.0.1:8765/
-  rpms demo --duration 30 --schedule sinusoid
-  rpms demo --subject rpms --noise 0.05 --estimator tracking
-  rpms demo --scenario fatigue               a muscle that tires, followed by tracking
-
-exit code: 0 if the schedule ran to its end, no sample was lost and the replay is exact, 1
-otherwise, 2 if it could not run.
-"""
 RATE = 20.0
 PORT = 8765
 # Between two lines that say how it goes [s].
@@ -44,24 +33,14 @@ _PERIOD = 5.0
 def add_demo(subparsers: Subparsers) -> None:
     """Add `rpms demo`."""
     summary = 'simulated muscle, driver and identifier live, with a report (needs ROS 2)'
-    parser = add_command(subparsers, 'demo', run, summary, _DESCRIPTION, _EXAMPLES)
+    parser = add_command(subparsers, 'demo', run, summary)
     add_option(parser, '--duration S', 45.0, 'stimulation [s]')
     schedules = ('uniform_random', 'sinusoid', 'staircase')
     add_option(parser, '--schedule', 'uniform_random', 'course of intensity', choices=schedules)
-    text = (
-        'the muscle: of the simulated identification, average magnetic, average electrical or '
-        'random'
-    )
-    subjects = ('simulation', 'rpms', 'fes', 'random')
-    add_option(parser, '--subject', 'simulation', text, choices=subjects)
+    add_simulation_options(parser, 'its noise counts unless --noise is given')
     text = 'standard deviation of the noise of the sensor [N]; negative: 0.5 %% of the force'
     add_option(parser, '--noise N', -1.0, text)
     add_option(parser, '--seed K', 1, 'of pulses, noise and random subject')
-    text = (
-        'what happens in the session: fatigue, coil-moved, voluntary, restless, bad-sensor, '
-        'steady, or a YAML file; its noise counts unless --noise is given'
-    )
-    add_option(parser, '--scenario NAME|FILE', '', text)
     text = (
         'one pass with a state of fixed size, or one that follows a muscle that changes '
         '(default: recursive, with a scenario tracking)'
@@ -76,7 +55,25 @@ def add_demo(subparsers: Subparsers) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the simulation, then report; return the exit code."""
+    """Run the simulation, then report; return the exit code.
+
+    Starts a simulated muscle, a stimulator driver and the identifier as three ROS 2 nodes, each a
+    process of its own, on this machine and in a DDS domain of their own.  The muscle is stimulated
+    at 20 Hz and measured at 1 kHz; pulses, force and estimates are recorded.  At the end the
+    identified curve is compared with the true one, and the recording is identified again off
+    line, which has to give the same estimates in every bit.  With a scenario the muscle tires, the
+    coil moves or the patient tenses, as in `rpms simulate --scenario`.
+
+    Examples
+    --------
+      rpms demo --live                           and open http://127.0.0.1:8765/
+      rpms demo --duration 30 --schedule sinusoid
+      rpms demo --subject rpms --noise 0.05 --estimator tracking
+      rpms demo --scenario fatigue               a muscle that tires, followed by tracking
+
+    exit code: 0 if the schedule ran to its end, no sample was lost and the replay is exact, 1
+    otherwise, 2 if it could not run.
+    """
     from rpms_ros.api.simulating import named_schedule
     from rpms_ros.muscle import subject_by_name
     from rpms_ros.muscle.scenario import load_scenario
@@ -197,10 +194,8 @@ def _show(
     else:
         last, counts = estimates[-1], launcher.recorder.counts
         lost = launcher.recorder.lost.get('force', 0)
-        found = '  '.join(
-            f'{name} {value:.3g}'
-            for name, value in zip(last.nonlinear_names, last.nonlinear, strict=True)
-        )
+        parameters = zip(last.nonlinear_names, last.nonlinear, strict=True)
+        found = '  '.join(f'{name} {value:.3g}' for name, value in parameters)
         line = (
             f'{duration - status.time_left:5.1f} s  '
             f'curve error {100 * truth.error(last):5.1f} %  {found}  '

@@ -5,7 +5,6 @@
 import argparse
 import os
 import sys
-from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,6 +17,7 @@ from rpms_ros.cli.options import (
     add_command,
     add_option,
     add_reading_options,
+    options_of,
     read,
     warn,
 )
@@ -27,40 +27,16 @@ from rpms_ros.report.text import labelled
 
 if TYPE_CHECKING:
     from rpms_ros.recording import Recording
-    from rpms_ros.recording.importing import Imported, ImportOptions
+    from rpms_ros.recording.importing import Imported
 
 # Those of `rpms_ros.recording.importing`, which takes long to import.
 _SENSOR_UNITS = ('N', 'mN', 'kN', 'g', 'kg', 'lbf', 'Nm', 'mNm', 'kNm', 'kgm', 'ft-lbf')
-_IMPORT = """\
-Makes a recording of a file with time, force and the stimulator's gate or trigger: tables of text
-(any separator, decimal commas, UTF-8, UTF-16 and Latin-1), text exported by LabChart,
-MATLAB .mat and Excel .xlsx.  What is what is guessed and shown, and each option below decides it.
-Every rising edge of a gate is a pulse, or every falling one if the gate rests high; its width is
-measured.  A gate does not tell the intensity: give it if it was below 1, or the column or file
-that has it.
-"""
-_IMPORT_EXAMPLES = """\
-  rpms import trial.csv --out trial
-  rpms import trial.csv --out trial --time 'Time [s]' --force 'fGM [N]' --pulse 'STIM [ ]'
-  rpms import session.mat --out session --force data.fz --force-unit mN --threshold 2.5
-  rpms import leg.xlsx --out leg --intensity 0.8
-  rpms identify trial
-"""
-_EXPORT = """\
-Writes force, pulses and recorded estimates for other programs: a folder of CSV files, every number
-with all of its digits.  Nothing is replaced.
-"""
-_EXPORT_EXAMPLES = """\
-  rpms export bags/sample --out sample_csv       force.csv, pulses.csv, session.json
-  rpms export session --out shared --anonymous
-exit codes: 0 well, 1 the recording has faults, 2 not possible
-"""
 
 
 def add_import(subparsers: Subparsers) -> None:
     """Add `rpms import`."""
     summary = 'a file of a laboratory becomes a recording'
-    parser = add_command(subparsers, 'import', run_import, summary, _IMPORT, _IMPORT_EXAMPLES)
+    parser = add_command(subparsers, 'import', run_import, summary)
     text = '.csv, .txt, .mat or .xlsx'
     parser.add_argument('file', type=Path, metavar='FILE', help=text)
     parser.add_argument('--out', type=Path, required=True, metavar='BAG', help='new folder')
@@ -104,7 +80,23 @@ def _share_or_name(text: str) -> float | str:
 
 
 def run_import(arguments: argparse.Namespace) -> int:
-    """Import the file and say what it held."""
+    """Import the file and say what it held.
+
+    Makes a recording of a file with time, force and the stimulator's gate or trigger: tables of
+    text (any separator, decimal commas, UTF-8, UTF-16 and Latin-1), text exported by LabChart,
+    MATLAB .mat and Excel .xlsx.  What is what is guessed and shown, and each option below decides
+    it.  Every rising edge of a gate is a pulse, or every falling one if the gate rests high; its
+    width is measured.  A gate does not tell the intensity: give it if it was below 1, or the
+    column or file that has it.
+
+    Examples
+    --------
+      rpms import trial.csv --out trial
+      rpms import trial.csv --out trial --time 'Time [s]' --force 'fGM [N]' --pulse 'STIM [ ]'
+      rpms import session.mat --out session --force data.fz --force-unit mN --threshold 2.5
+      rpms import leg.xlsx --out leg --intensity 0.8
+      rpms identify trial
+    """
     from rpms_ros.recording import write_recording
     from rpms_ros.recording.export import written_whole
 
@@ -127,9 +119,9 @@ def run_import(arguments: argparse.Namespace) -> int:
 
 def imported(path: Path, arguments: argparse.Namespace) -> 'Imported':
     """Return what a file holds, as the options say; say what was guessed."""
-    from rpms_ros.recording.importing import import_file
+    from rpms_ros.recording.importing import ImportOptions, import_file
 
-    found = import_file(path, signal_options(arguments))
+    found = import_file(path, options_of(ImportOptions, arguments))
     if found.guessed:
         print(labelled(found.facts), file=sys.stderr)
     return found
@@ -143,19 +135,10 @@ def imported_recording(path: Path, arguments: argparse.Namespace) -> 'Recording'
     return recording_of(imported(path, arguments), path, 'file', sign, quantity)
 
 
-def signal_options(arguments: argparse.Namespace) -> 'ImportOptions':
-    """Return what the command line says of a file."""
-    from rpms_ros.recording.importing import ImportOptions
-
-    return ImportOptions(
-        **{one.name: getattr(arguments, one.name) for one in fields(ImportOptions)}
-    )
-
-
 def add_export(subparsers: Subparsers) -> None:
     """Add `rpms export`."""
     summary = 'a recording as files of other programs'
-    parser = add_command(subparsers, 'export', run_export, summary, _EXPORT, _EXPORT_EXAMPLES)
+    parser = add_command(subparsers, 'export', run_export, summary)
     add_bag(parser)
     parser.add_argument('--out', type=Path, required=True, metavar='DIR', help='new folder')
     text = 'leave out date, name and notes; times begin at 0'
@@ -164,7 +147,17 @@ def add_export(subparsers: Subparsers) -> None:
 
 
 def run_export(arguments: argparse.Namespace) -> int:
-    """Export the session and say what was written."""
+    """Export the session and say what was written.
+
+    Writes force, pulses and recorded estimates for other programs: a folder of CSV files, every
+    number with all of its digits.  Nothing is replaced.
+
+    Examples
+    --------
+      rpms export bags/sample --out sample_csv       force.csv, pulses.csv, session.json
+      rpms export session --out shared --anonymous
+    exit codes: 0 well, 1 the recording has faults, 2 not possible
+    """
     from rpms_ros.recording.export import write_tables, written_whole
     from rpms_ros.report.recorded import estimate_table, recorded_messages
 

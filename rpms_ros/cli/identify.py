@@ -19,7 +19,7 @@ from rpms_ros.cli.options import (
     add_reading_options,
     add_verdict_option,
     compile_estimator,
-    identification_options,
+    options_of,
     progress,
     read,
     verdict_code,
@@ -33,23 +33,6 @@ if TYPE_CHECKING:
     from rpms_ros.recording import Recording
     from rpms_ros.report.result import IdentificationResult
 
-_DESCRIPTION = """\
-Identifies recruitment and dynamics of the muscle from recorded pulses and force, with the
-estimator that also runs on line: a recording gives the estimates of the live session bit for bit.
-"""
-_EXAMPLES = """\
-  rpms identify bags/sample
-  rpms identify session --out results                  result.json and figures
-  rpms identify trial.csv --force 'fGM [N]'             a file as rpms import takes it
-  rpms identify session --json | jq .recruitment       one JSON object on stdout
-  rpms identify session --force-topic /left/wrench --axis x --sign -1
-  rpms identify session --rate-hz 15                   the curve for pulses at 15 Hz
-  rpms identify session --estimator recursive          as the node does, sample by sample
-  rpms identify monday --json > ada.json
-  rpms identify friday --estimator tracking --start-from ada.json
-
-exit code: of the verdict, 0 good, 1 doubtful or a recording with faults, 3 no; 2 if not possible
-"""
 # More than a figure has pixels across; a minute and a half has all of its estimates.
 _MOST_ESTIMATES = 1000
 
@@ -57,7 +40,7 @@ _MOST_ESTIMATES = 1000
 def add_identify(subparsers: Subparsers) -> None:
     """Add `rpms identify`."""
     text = 'recruitment and dynamics of the muscle from a recording'
-    parser = add_command(subparsers, 'identify', run, text, _DESCRIPTION, _EXAMPLES)
+    parser = add_command(subparsers, 'identify', run, text)
     add_bag(parser)
     add_json(parser)
     parser.add_argument('--out', type=Path, metavar='DIR', help='folder for figures and JSON')
@@ -80,18 +63,35 @@ def add_identify(subparsers: Subparsers) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Identify the recording; return the exit code of the verdict."""
+    """Identify the recording; return the exit code of the verdict.
+
+    Identifies recruitment and dynamics of the muscle from recorded pulses and force, with the
+    estimator that also runs on line: a recording gives the estimates of the live session bit for
+    bit.
+
+    Examples
+    --------
+      rpms identify bags/sample
+      rpms identify session --out results                  result.json and figures
+      rpms identify trial.csv --force 'fGM [N]'             a file as rpms import takes it
+      rpms identify session --json | jq .recruitment       one JSON object on stdout
+      rpms identify session --force-topic /left/wrench --axis x --sign -1
+      rpms identify session --rate-hz 15                   the curve for pulses at 15 Hz
+      rpms identify session --estimator recursive          as the node does, sample by sample
+      rpms identify monday --json > ada.json
+      rpms identify friday --estimator tracking --start-from ada.json
+
+    exit code: of the verdict, 0 good, 1 doubtful or a recording with faults, 3 no;
+    2 if not possible
+    """
     from rpms_ros.identification.model.summation import TemporalSummation
     from rpms_ros.identification.quality.verdict import FOLLOWER
-    from rpms_ros.report.result import identified, result_of, result_rows
+    from rpms_ros.report.result import IdentificationOptions, identified, result_of, result_rows
     from rpms_ros.schema import plain
 
     law = arguments.temporal_summation
-    options = replace(
-        identification_options(arguments),
-        history=TemporalSummation.of_file(law) if law else None,
-        start_from=arguments.start_from,
-    )
+    history = TemporalSummation.of_file(law) if law else None
+    options = replace(options_of(IdentificationOptions, arguments), history=history)
     recording = read(arguments.bag, arguments)
     samples = len(recording.forces)
     compile_estimator(options.build, arguments.quiet)

@@ -8,33 +8,17 @@ from functools import partial
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from rpms_ros.cli.options import Subparsers, add_command, add_option
+from rpms_ros.cli.options import Subparsers, add_command, add_option, add_sensor_options
 from rpms_ros.errors import LiveError
 
 EVERYWHERE = '0.0.0.0'
 """Stands for every address of the machine."""
 
-_DESCRIPTION = """\
-Serves one page that shows a running session: force measured and modelled, pulses, recruitment
-curve and parameters with their bands, changes, doubts, faults, the stimulator driver and the dose.
-It listens on this machine's own address, needs no network, and disturbs nobody: what it hears it
-asks for best effort.  With a token it offers a stop as well, which is an additional one: it needs
-a browser, a network and two programs, and no driver can count on it.
-"""
-_EXAMPLES = """\
-  rpms live                         the session in namespace /, at http://127.0.0.1:8765/
-  rpms live --namespace left_leg    one of several
-  rpms live --stop                  with a stop; the address that is printed holds the token
-  rpms live --address 0.0.0.0       for a phone in the same network
-
-exit code: 0 after Ctrl-C, 2 if the page could not be served.
-"""
-
 
 def add_live(subparsers: Subparsers) -> None:
     """Add `rpms live`."""
     summary = 'a running session in the browser (needs ROS 2)'
-    parser = add_command(subparsers, 'live', run_live, summary, _DESCRIPTION, _EXAMPLES)
+    parser = add_command(subparsers, 'live', run_live, summary)
     add_option(parser, '--namespace NAME', '/', 'namespace of the nodes')
     add_option(parser, '--port N', 8765, 'port to listen on; 0 takes a free one')
     text = 'address of this machine to listen on; 0.0.0.0 lets the network look'
@@ -50,14 +34,27 @@ def add_live(subparsers: Subparsers) -> None:
     for name in ('force', 'pulses'):
         text = f'topic of the {name}, relative to the namespace'
         add_option(group, f'--{name}-topic NAME', name, text)
-    text = 'axis of the wrench along which the muscle pulls: x, y, z, -x or 0.6,0,0.8'
-    add_option(group, '--axis AXIS', 'z', text)
-    text = 'what the sensor measures'
-    add_option(group, '--quantity', 'force', text, choices=('force', 'torque'))
+    add_sensor_options(group)
 
 
 def run_live(arguments: argparse.Namespace) -> int:
-    """Serve the page until a signal; return the exit code."""
+    """Serve the page until a signal; return the exit code.
+
+    Serves one page that shows a running session: force measured and modelled, pulses, recruitment
+    curve and parameters with their bands, changes, doubts, faults, the stimulator driver and the
+    dose. It listens on this machine's own address, needs no network, and disturbs nobody: what it
+    hears it asks for best effort.  With a token it offers a stop as well, which is an additional
+    one: it needs a browser, a network and two programs, and no driver can count on it.
+
+    Examples
+    --------
+      rpms live                         the session in namespace /, at http://127.0.0.1:8765/
+      rpms live --namespace left_leg    one of several
+      rpms live --stop                  with a stop; the address that is printed holds the token
+      rpms live --address 0.0.0.0       for a phone in the same network
+
+    exit code: 0 after Ctrl-C, 2 if the page could not be served.
+    """
     from rpms_ros.live.server import new_token, token_of
     from rpms_ros.nodes.live_page import serve
 

@@ -3,11 +3,12 @@
 """Options that several commands share."""
 
 import argparse
+import inspect
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, get_type_hints
 
 from rpms_ros.errors import RecordingError
 from rpms_ros.printable import printable
@@ -16,8 +17,8 @@ from rpms_ros.report.text import collapsed
 if TYPE_CHECKING:
     from rpms_ros.identification import Estimator
     from rpms_ros.recording import Recording, Topics
-    from rpms_ros.report.result import IdentificationOptions
 
+Options = TypeVar('Options')
 Subparsers: TypeAlias = 'argparse._SubParsersAction[argparse.ArgumentParser]'
 # Those of `rpms_ros.identification.PRESET_NAMES`, which takes long to import.
 PRESETS = ('people', 'paper_table_4', 'paper_table_5')
@@ -28,18 +29,17 @@ _PATIENCE = 1.0
 
 
 def add_command(
-    subparsers: Subparsers,
-    name: str,
-    run: Callable[[argparse.Namespace], int],
-    summary: str,
-    description: str,
-    examples: str,
+    subparsers: Subparsers, name: str, run: Callable[[argparse.Namespace], int], summary: str
 ) -> argparse.ArgumentParser:
-    """Return the parser of a command with help, examples and ``--quiet``."""
+    """Return the parser of a command with help and ``--quiet``.
+
+    What it does and its examples are told by the docstring of `run`, below its first line.
+    """
+    description, _, examples = (inspect.getdoc(run) or '').partition('\n\nExamples\n--------\n')
     parser = subparsers.add_parser(
         name,
         help=summary,
-        description=description,
+        description=description.partition('\n\n')[2],
         epilog=f'examples:\n{examples}',
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -112,13 +112,18 @@ def add_reading_options(parser: argparse.ArgumentParser) -> None:
     add_topic_options(parser)
     add_memory_option(parser)
     group = parser.add_argument_group('what the force is')
+    text = '-1 if the sensor shows the pull of the muscle as negative'
+    add_option(group, '--sign', 1, text, choices=(1, -1))
+    add_sensor_options(group)
+
+
+def add_sensor_options(group: 'argparse._ActionsContainer') -> None:
+    """Add what is read of a wrench."""
     text = (
         'axis of the wrench along which the muscle pulls: x, y, z, -x or a direction as '
         '0.6,0,0.8; write --axis=-z, with the sign of equality before a minus'
     )
     add_option(group, '--axis AXIS', 'z', text)
-    text = '-1 if the sensor shows the pull of the muscle as negative'
-    add_option(group, '--sign', 1, text, choices=(1, -1))
     text = (
         'what the sensor measures; of an isometric dynamometer the torque of the wrench is read '
         'instead of its force, and everything is in N m'
@@ -149,12 +154,25 @@ def add_preset_option(parser: 'argparse._ActionsContainer') -> None:
     add_option(parser, '--preset', 'people', text, choices=PRESETS)
 
 
-def identification_options(arguments: argparse.Namespace) -> 'IdentificationOptions':
-    """Return how a recording is identified, as the options say."""
-    from rpms_ros.report.result import IdentificationOptions
+def options_of(kind: type[Options], arguments: argparse.Namespace) -> Options:
+    """Return a dataclass whose fields are called as options, for those that a command has."""
+    names = (name for name in get_type_hints(kind) if hasattr(arguments, name))
+    return kind(**{name: getattr(arguments, name) for name in names})
 
-    names = ('estimator', 'preset', 'rate_hz', 'seed')
-    return IdentificationOptions(**{name: getattr(arguments, name) for name in names})
+
+def add_simulation_options(group: 'argparse._ActionsContainer', scenario: str) -> None:
+    """Add the simulated muscle and what happens to it; `scenario` ends the help on that."""
+    text = (
+        'muscle of the simulated identification (Table 4), average magnetic or electrical '
+        '(Tables 1 to 3), or random'
+    )
+    subjects = ('simulation', 'rpms', 'fes', 'random')
+    add_option(group, '--subject', 'simulation', text, choices=subjects)
+    text = (
+        'what happens in the session: fatigue, coil-moved, voluntary, restless, bad-sensor, '
+        f'steady, or a YAML file; {scenario}'
+    )
+    add_option(group, '--scenario NAME|FILE', '', text)
 
 
 def add_verdict_option(parser: argparse.ArgumentParser) -> None:
@@ -181,8 +199,8 @@ def read(path: Path, arguments: argparse.Namespace) -> 'Recording':
     from rpms_ros.recording import read_recording
 
     if hasattr(arguments, 'pulse_unit'):
-        from rpms_ros.cli.files import imported_recording, signal_options
-        from rpms_ros.recording.importing import is_foreign
+        from rpms_ros.cli.files import imported_recording
+        from rpms_ros.recording.importing import ImportOptions, is_foreign
 
         if is_foreign(path):
             for name, default in _OF_RECORDINGS.items():
@@ -190,7 +208,7 @@ def read(path: Path, arguments: argparse.Namespace) -> 'Recording':
                     option = name.replace('_', '-')
                     raise RecordingError(f'expected --{option} with a recording, got {path}')
             return imported_recording(path, arguments)
-        if given := signal_options(arguments).given():
+        if given := options_of(ImportOptions, arguments).given():
             option = given[0].replace('_', '-')
             raise RecordingError(f'expected --{option} with a file of a laboratory, got {path}')
     with progress('reading', None, 'messages', arguments.quiet) as advance:
@@ -218,7 +236,7 @@ def compile_estimator(build: 'Callable[[], Estimator]', quiet: bool) -> None:
 @contextmanager
 def progress(
     label: str, total: int | None, unit: str, quiet: bool
-) -> Iterator[Callable[[int], None]]:
+) -> Iterator[Callable[[int], Any]]:
     """Show a progress bar on a terminal if it takes long; yield the function that advances it."""
     from tqdm import tqdm
 
@@ -231,8 +249,4 @@ def progress(
         delay=_PATIENCE,
         disable=True if quiet else None,
     ) as bar:
-
-        def advance(count: int) -> None:
-            bar.update(count)
-
-        yield advance
+        yield bar.update

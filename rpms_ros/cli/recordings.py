@@ -31,26 +31,6 @@ from rpms_ros.schema import plain
 if TYPE_CHECKING:
     from rpms_ros.recording import Recording, RecordingFacts
 
-_INFO = """\
-Shows topics, types, numbers of messages, duration and what is wrong with a recording.
-Reads mcap and sqlite3: a folder, a single file, split, compressed, or cut off by a killed writer;
-and files of a laboratory, as `rpms import` does.
-"""
-_INFO_EXAMPLES = """\
-  rpms info bags/sample
-  rpms info session/session_0.mcap --json
-"""
-_VERIFY = """\
-Checks a recording, one line a finding: structure, checksums, publishers, lost messages,
-accepted schedules, pulses and force on one clock; and shows the hash of the session that results
-and reports carry.  Faults of the numbers are those of `rpms identify`.
-"""
-_VERIFY_EXAMPLES = """\
-  rpms verify session
-  rpms verify session --audit audit.jsonl         the pulses that the driver gave?
-exit codes: 0 nothing wrong, 1 a line says FAULT, 2 cannot be read
-"""
-
 
 _FACTS = ('custom', 'schedules', 'faults', 'remarks')
 
@@ -58,7 +38,7 @@ _FACTS = ('custom', 'schedules', 'faults', 'remarks')
 def add_info(subparsers: Subparsers) -> None:
     """Add `rpms info`."""
     summary = 'what a recording holds'
-    parser = add_command(subparsers, 'info', run_info, summary, _INFO, _INFO_EXAMPLES)
+    parser = add_command(subparsers, 'info', run_info, summary)
     add_bag(parser)
     add_json(parser)
     add_memory_option(parser)
@@ -66,7 +46,17 @@ def add_info(subparsers: Subparsers) -> None:
 
 
 def run_info(arguments: argparse.Namespace) -> int:
-    """Print the facts; return 1 if something is wrong with the recording."""
+    """Print the facts; return 1 if something is wrong with the recording.
+
+    Shows topics, types, numbers of messages, duration and what is wrong with a recording. Reads
+    mcap and sqlite3: a folder, a single file, split, compressed, or cut off by a killed writer;
+    and files of a laboratory, as `rpms import` does.
+
+    Examples
+    --------
+      rpms info bags/sample
+      rpms info session/session_0.mcap --json
+    """
     from rpms_ros.recording import read_facts
     from rpms_ros.recording.importing import is_foreign
 
@@ -88,12 +78,10 @@ def _facts_of_file(recording: 'Recording') -> 'RecordingFacts':
     from rpms_ros.recording.rosbag.scan import TopicFacts
 
     pulses, forces = recording.pulses.onset_ns, recording.forces.stamp_ns
+    found = (('pulses', 'pulses', pulses), (recording.quantity, 'samples', forces))
     topics = tuple(
         TopicFacts(name, kind, len(stamps), int(stamps[0]), int(stamps[-1]))
-        for name, kind, stamps in (
-            ('pulses', 'pulses', pulses),
-            (recording.quantity, 'samples', forces),
-        )
+        for name, kind, stamps in found
         if len(stamps)
     )
     return replace(recording.facts, topics=topics)
@@ -139,7 +127,7 @@ def as_text(facts: 'RecordingFacts') -> str:
 def add_verify(subparsers: Subparsers) -> None:
     """Add `rpms verify`."""
     summary = 'is a recording whole and unchanged'
-    parser = add_command(subparsers, 'verify', run_verify, summary, _VERIFY, _VERIFY_EXAMPLES)
+    parser = add_command(subparsers, 'verify', run_verify, summary)
     add_bag(parser)
     text = 'audit log of the driver that gave the pulses'
     add_option(parser, '--audit FILE', None, text, type=Path)
@@ -149,7 +137,18 @@ def add_verify(subparsers: Subparsers) -> None:
 
 
 def run_verify(arguments: argparse.Namespace) -> int:
-    """Print what was found; return 1 if something is wrong."""
+    """Print what was found; return 1 if something is wrong.
+
+    Checks a recording, one line a finding: structure, checksums, publishers, lost messages,
+    accepted schedules, pulses and force on one clock; and shows the hash of the session that
+    results and reports carry.  Faults of the numbers are those of `rpms identify`.
+
+    Examples
+    --------
+      rpms verify session
+      rpms verify session --audit audit.jsonl         the pulses that the driver gave?
+    exit codes: 0 nothing wrong, 1 a line says FAULT, 2 cannot be read
+    """
     from rpms_ros.recording.rosbag.verifying import FAULT, verify
 
     findings = verify(arguments.bag, topics_of(arguments), arguments.max_memory, arguments.audit)

@@ -19,7 +19,7 @@ from rpms_ros.cli.options import (
     add_reading_options,
     add_verdict_option,
     compile_estimator,
-    identification_options,
+    options_of,
     progress,
     read,
     verdict_code,
@@ -30,22 +30,11 @@ from rpms_ros.report.text import write_text
 if TYPE_CHECKING:
     from rpms_ros.report.session import SessionReport
 
-_DESCRIPTION = """\
-Identifies a recording as `rpms identify` does and writes one self-contained page: recruitment,
-impulse response, time courses, force with zoom, residual analysis, held-out fit, faults,
-schedule and energy, session facts.
-"""
-_EXAMPLES = """\
-  rpms report bags/sample --out report.html
-  rpms report session --files figures            PNG, SVG and JSON files beside the page
-  rpms report session --json | jq .held_out      one JSON object on stdout
-"""
-
 
 def add_report(subparsers: Subparsers) -> None:
     """Add `rpms report`."""
     text = 'a recording as one page'
-    parser = add_command(subparsers, 'report', run, text, _DESCRIPTION, _EXAMPLES)
+    parser = add_command(subparsers, 'report', run, text)
     add_bag(parser)
     add_option(parser, '--out FILE', Path('report.html'), 'page to write', type=Path)
     add_option(parser, '--files DIR', None, 'folder for the figures and report.json', type=Path)
@@ -62,7 +51,18 @@ def add_report(subparsers: Subparsers) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write the report; return the exit code of the verdict."""
+    """Write the report; return the exit code of the verdict.
+
+    Identifies a recording as `rpms identify` does and writes one self-contained page: recruitment,
+    impulse response, time courses, force with zoom, residual analysis, held-out fit, faults,
+    schedule and energy, session facts.
+
+    Examples
+    --------
+      rpms report bags/sample --out report.html
+      rpms report session --files figures            PNG, SVG and JSON files beside the page
+      rpms report session --json | jq .held_out      one JSON object on stdout
+    """
     from rpms_ros.report.figures import write_figures
     from rpms_ros.report.page import as_page
     from rpms_ros.schema import plain
@@ -86,10 +86,10 @@ def run(arguments: argparse.Namespace) -> int:
 def _report(arguments: argparse.Namespace) -> 'SessionReport':
     from rpms_ros.recording.importing import is_foreign
     from rpms_ros.report.recorded import RecordedMessages, recorded_messages
-    from rpms_ros.report.result import identified, result_of
+    from rpms_ros.report.result import IdentificationOptions, identified, result_of
     from rpms_ros.report.session import report_of
 
-    options = identification_options(arguments)
+    options = options_of(IdentificationOptions, arguments)
     recording = read(arguments.bag, arguments)
     messages = RecordedMessages()
     if not is_foreign(arguments.bag):

@@ -10,7 +10,7 @@ from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rpms_ros.cli.options import add_option
+from rpms_ros.cli.options import Subparsers, add_command, add_option
 from rpms_ros.errors import StimulationError
 from rpms_ros.printable import counted
 
@@ -99,9 +99,8 @@ def run_protocol(arguments: argparse.Namespace) -> int:
         with arguments.out.open('x', encoding='utf-8') as file:
             file.write(schedule_to_text(schedule))
     except OSError as error:
-        raise StimulationError(
-            f'expected a file to write, got {arguments.out}: {error}'
-        ) from error
+        fault = f'expected a file to write, got {arguments.out}: {error}'
+        raise StimulationError(fault) from error
     plan = schedule.plan
     print(
         f'{arguments.out}: {counted(len(plan), "pulse")} in {plan.duration_s:g} s, '
@@ -110,32 +109,29 @@ def run_protocol(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def add_check(subparsers: Any) -> None:
+def add_check(subparsers: Subparsers) -> None:
     """Add `rpms check`."""
-    parser = subparsers.add_parser(
-        'check',
-        help='say whether a device can deliver a schedule',
-        description=(
-            'Hold a schedule against the limits of a device before anything fires: rates, trains, '
-            'energy, waits and coil temperature.'
-        ),
-        epilog=(
-            'exit status: 0 deliverable, 1 not deliverable, 2 unusable input.  '
-            'example: rpms protocol uniform_random --out s.yaml && '
-            'rpms check s.yaml --device rapid2-240v'
-        ),
-    )
+    text = 'say whether a device can deliver a schedule'
+    parser = add_command(subparsers, 'check', run_check, text)
     parser.add_argument('schedule', type=Path, help='YAML file of the schedule')
     text = 'name of a device specification, or its YAML file'
     add_option(parser, '--device NAME|FILE', None, text, required=True)
     text = "patient file: the tighter of the device's and the patient's limits count"
     add_option(parser, '--patient FILE', None, text, type=Path)
     parser.add_argument('--json', action='store_true', help='print one JSON object and no more')
-    parser.set_defaults(run=run_check)
 
 
 def run_check(arguments: argparse.Namespace) -> int:
-    """Check a schedule; return 0 if it can be delivered, 1 if not."""
+    """Check a schedule; return 0 if it can be delivered, 1 if not.
+
+    Hold a schedule against the limits of a device before anything fires: rates, trains, energy,
+    waits and coil temperature.
+
+    Examples
+    --------
+      rpms protocol uniform_random --out s.yaml && rpms check s.yaml --device rapid2-240v
+    exit status: 0 deliverable, 1 not deliverable, 2 unusable input
+    """
     from rpms_ros.stimulation.limits.device_specification import load_device_specification
     from rpms_ros.stimulation.limits.forecast import forecast
     from rpms_ros.stimulation.limits.patient import for_session, load_patient
@@ -148,23 +144,14 @@ def run_check(arguments: argparse.Namespace) -> int:
         specification = for_session(specification, patient)
     ahead = forecast(schedule, specification, patient.dose if patient else None)
     if arguments.json:
-        print(json.dumps(as_json(ahead)))
+        violations = [asdict(found) for found in ahead.violations]
+        document = {'deliverable': ahead.deliverable, 'violations': violations}
+        names = ('mean_power_w', 'energy_j', 'max_rate_hz', 'waits_s')
+        document |= {name: getattr(ahead, name) for name in names}
+        print(json.dumps({**document, 'temperature_c': ahead.highest_temperature}))
     else:
         print('\n'.join(report(schedule, specification, ahead, patient)))
     return 0 if ahead.deliverable else 1
-
-
-def as_json(ahead: 'Forecast') -> dict[str, Any]:
-    """Return a forecast as what JSON can hold."""
-    return {
-        'deliverable': ahead.deliverable,
-        'violations': [asdict(found) for found in ahead.violations],
-        'mean_power_w': ahead.mean_power_w,
-        'energy_j': ahead.energy_j,
-        'max_rate_hz': ahead.max_rate_hz,
-        'waits_s': list(ahead.waits_s),
-        'temperature_c': ahead.highest_temperature,
-    }
 
 
 def report(
@@ -190,10 +177,10 @@ def report(
             f'cut-out {specification.thermal.cutout:g} '
             f'(model, started at {specification.thermal.ambient:g})'
         )
-    lines.extend(_patient(schedule, specification, ahead, patient))
+    lines += _patient(schedule, specification, ahead, patient)
     for found in ahead.violations:
-        lines.append(f'  {found.limit}: {found.reason}')
-        lines.append(f'    first at {found.time_s:.4g} s, {counted(found.pulses, "pulse")}')
+        where = f'    first at {found.time_s:.4g} s, {counted(found.pulses, "pulse")}'
+        lines += [f'  {found.limit}: {found.reason}', where]
     return lines
 
 

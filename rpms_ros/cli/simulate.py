@@ -7,21 +7,16 @@ import json
 from dataclasses import asdict, replace
 from pathlib import Path
 
-from rpms_ros.cli.options import Subparsers, add_command, add_option, progress
+from rpms_ros.cli.options import (
+    Subparsers,
+    add_command,
+    add_option,
+    add_simulation_options,
+    progress,
+)
 from rpms_ros.errors import RecordingError
 from rpms_ros.printable import counted
 
-_DESCRIPTION = """\
-Simulates a session, faster than real time: a schedule of pulses, a muscle and a force sensor.
-The recording is like one from a lab; its notes hold the true parameters of the muscle.
-"""
-_EXAMPLES = """\
-  rpms simulate --out session                               the paper's simulated identification
-  rpms simulate --out session --schedule sinusoid --noise 0.05 --seed 3
-  rpms simulate --out session --subject random --schedule my_schedule.yaml --drift 0.1
-  rpms identify session
-"""
-_SUBJECTS = ('simulation', 'rpms', 'fes', 'random')
 _MUSCLES = ('arctan', 'boltzmann', 'gauss', 'weibull', 'unsaturated', 'pools', 'ding')
 _OF_PULSES = ('duration', 'pulse_rate', 'intensity')
 _DISTURBANCES = {
@@ -30,63 +25,51 @@ _DISTURBANCES = {
     'drift': 'amplitude of a slow baseline',
     'artifact': 'peak of the stimulation artifact at full intensity',
 }
-# How often the truth is recorded [Hz].
-_TRUTH_RATE = 10.0
 
 
 def add_simulate(subparsers: Subparsers) -> None:
     """Add `rpms simulate`."""
-    parser = add_command(
-        subparsers, 'simulate', run, 'a recording of a simulated session', _DESCRIPTION, _EXAMPLES
-    )
+    parser = add_command(subparsers, 'simulate', run, 'a recording of a simulated session')
     parser.add_argument('--out', type=Path, required=True, metavar='BAG', help='new folder')
     add_option(parser, '--compression', '', 'of the recording', choices=('', 'lz4', 'zstd'))
     group = parser.add_argument_group('stimulation')
-    add_option(
-        group,
-        '--schedule NAME|FILE',
-        'uniform_random',
-        'uniform_random, sinusoid, staircase, constant, or a YAML file',
-    )
+    text = 'uniform_random, sinusoid, staircase, constant, or a YAML file'
+    add_option(group, '--schedule NAME|FILE', 'uniform_random', text)
     add_option(group, '--duration S', 90.0, 'length [s]')
     add_option(group, '--pulse-rate HZ', 20.0, '[Hz]')
     add_option(group, '--intensity SHARE', 1.0, 'of the constant schedule, share of the maximum')
     add_option(group, '--seed', 1, 'of pulses, noise and random subject')
     group = parser.add_argument_group('muscle and force sensor')
-    add_option(
-        group,
-        '--subject',
-        'simulation',
-        'muscle of the simulated identification (Table 4), average magnetic or electrical '
-        '(Tables 1 to 3), or random',
-        choices=_SUBJECTS,
-    )
-    add_option(
-        group,
-        '--muscle KIND',
-        'arctan',
-        'another kind than that of the model, arctan: a recruitment of another shape, or motor '
-        'units that sum by calcium (ding)',
-        choices=_MUSCLES,
-    )
-    group.add_argument(
-        '--own-rates',
-        action='store_true',
-        help='weight each pulse by its own repetition rate; default for a schedule file, while '
-        'the others take --pulse-rate for all',
-    )
-    add_option(group, '--rate HZ', 1000.0, 'of the force')
+    text = 'the truth is recorded as well (default: a steady muscle)'
+    add_simulation_options(group, text)
     text = (
-        'what happens in the session: fatigue, coil-moved, voluntary, restless, bad-sensor, '
-        'steady, or a YAML file; the truth is recorded as well (default: a steady muscle)'
+        'another kind than that of the model, arctan: a recruitment of another shape, or motor '
+        'units that sum by calcium (ding)'
     )
-    add_option(group, '--scenario NAME|FILE', '', text)
+    add_option(group, '--muscle KIND', 'arctan', text, choices=_MUSCLES)
+    text = (
+        'weight each pulse by its own repetition rate; default for a schedule file, while the '
+        'others take --pulse-rate for all'
+    )
+    group.add_argument('--own-rates', action='store_true', help=text)
+    add_option(group, '--rate HZ', 1000.0, 'of the force')
     for name, what in _DISTURBANCES.items():
         add_option(group, f'--{name} N', 0.0, f'{what} [N]')
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Simulate and record the session."""
+    """Simulate and record the session.
+
+    Simulates a session, faster than real time: a schedule of pulses, a muscle and a force sensor.
+    The recording is like one from a lab; its notes hold the true parameters of the muscle.
+
+    Examples
+    --------
+      rpms simulate --out session                              the paper's simulated identification
+      rpms simulate --out session --schedule sinusoid --noise 0.05 --seed 3
+      rpms simulate --out session --subject random --schedule my_schedule.yaml --drift 0.1
+      rpms identify session
+    """
     from rpms_ros.api import simulating
     from rpms_ros.muscle import Contraction, subject_by_name
     from rpms_ros.muscle.motor_units import MotorUnits
@@ -120,7 +103,7 @@ def run(arguments: argparse.Namespace) -> int:
             Surroundings(scenario, seed),
             pulses,
             stamp_ns,
-            _TRUTH_RATE if arguments.scenario or of_units else 0.0,
+            simulating.TRUTH_RATE if arguments.scenario or of_units else 0.0,
             advance,
         )
     write_recording(

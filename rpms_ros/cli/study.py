@@ -4,7 +4,6 @@
 
 import argparse
 from collections import Counter
-from dataclasses import fields
 from pathlib import Path
 
 from rpms_ros.cli.options import (
@@ -15,29 +14,17 @@ from rpms_ros.cli.options import (
     add_reading_options,
     add_verdict_option,
     compile_estimator,
+    options_of,
     progress,
     warn,
 )
 from rpms_ros.printable import counted
 
-_DESCRIPTION = """\
-Identifies many recordings and writes one table, results.csv and results.json, with a row for
-each: what was found and the verdict, or why it failed.  A study that was interrupted goes on
-where it stopped; what failed is tried again.  The table does not depend on the number of
-processes.
-"""
-_EXAMPLES = """\
-  rpms study sessions/* --out study
-  rpms study sessions --out study --jobs 8          every recording below the folder
-exit codes: 0 all well, 1 a recording failed, had faults or has a verdict that is not good,
-2 not possible
-"""
-
 
 def add_study(subparsers: Subparsers) -> None:
     """Add `rpms study`."""
     text = 'many recordings, one table'
-    parser = add_command(subparsers, 'study', run, text, _DESCRIPTION, _EXAMPLES)
+    parser = add_command(subparsers, 'study', run, text)
     text = 'recordings, or folders of recordings'
     parser.add_argument('bags', type=Path, nargs='+', metavar='BAG', help=text)
     parser.add_argument('--out', type=Path, required=True, metavar='DIR', help='of the table')
@@ -48,13 +35,25 @@ def add_study(subparsers: Subparsers) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Identify what has not been identified yet, and write the table."""
+    """Identify what has not been identified yet, and write the table.
+
+    Identifies many recordings and writes one table, results.csv and results.json, with a row for
+    each: what was found and the verdict, or why it failed.  A study that was interrupted goes on
+    where it stopped; what failed is tried again.  The table does not depend on the number of
+    processes.
+
+    Examples
+    --------
+      rpms study sessions/* --out study
+      rpms study sessions --out study --jobs 8          every recording below the folder
+    exit codes: 0 all well, 1 a recording failed, had faults or has a verdict that is not good,
+    2 not possible
+    """
     from rpms_ros.errors import RecordingError
     from rpms_ros.identification.quality.verdict import GRADES
     from rpms_ros.report.study import StudyOptions, StudyTable, finished, found_recordings
 
-    names = [field.name for field in fields(StudyOptions) if hasattr(arguments, field.name)]
-    options = StudyOptions(**{name: getattr(arguments, name) for name in names})
+    options = options_of(StudyOptions, arguments)
     # options that no recording can be identified with are told once, not with each of them
     options.build()
     recordings = found_recordings(arguments.bags, arguments.out)

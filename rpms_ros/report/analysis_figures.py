@@ -7,6 +7,7 @@ Lines differ in dashes and points in shape, so that they are distinguished in bl
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -79,21 +80,14 @@ def draw_twitches(found: TwitchAnalysis, title: str = '') -> Figure:
     latency.legend(fontsize=7, loc='upper center', ncols=2)
     values = 1e3 * found.fits.column(CONSTANT, found.choice.order)
     percent = 100 * np.nan_to_num(found.fits.intensity, nan=1.0)
-    constant.plot(percent, values, MARKERS[0], color=COLOURS[0], mfc='none', ms=4)
+    _draw_points(constant, percent, values, 0)
     constant.axhline(1e3 * found.shared.time_constant, color='black', lw=1)
-    constant.set(
-        xlabel='intensity [%]', ylabel=f'$T_a$ at order {found.choice.order} [ms]; line: shared'
-    )
+    constant.set_xlabel('intensity [%]')
+    constant.set_ylabel(f'$T_a$ at order {found.choice.order} [ms]; line: shared')
     for index, order in enumerate(found.fits.orders):
-        error.semilogy(
-            100 * found.fits.column(PEAK, order) / found.top_peak,
-            found.fits.least_error(order),
-            MARKERS[index],
-            color=COLOURS[index],
-            mfc='none',
-            ms=4,
-            label=f'order {order}',
-        )
+        peaks = 100 * found.fits.column(PEAK, order) / found.top_peak
+        _draw_points(error, peaks, found.fits.least_error(order), index, f'order {order}')
+    error.set_yscale('log')
     error.set(xlabel=r'$F_\max / F_{\max,100\%}$ [%]', ylabel=r'$E_\min$ (Eq. 3)')
     error.legend(fontsize=8)
     return figure
@@ -107,14 +101,8 @@ def _draw_example(axes: Axes, found: TwitchAnalysis) -> None:
     axes.plot(1e3 * lag, force, color=MEASURED, lw=2.5, label='measured, without artifact')
     for place, order in enumerate(found.fits.orders):
         onset, constant, peak, base = found.fits.table[index, place, :4]
-        axes.plot(
-            1e3 * lag,
-            base + peak * twitch(lag - onset, constant, order),
-            ls=DASHES[place],
-            color=COLOURS[place],
-            lw=1.2,
-            label=f'order {order}',
-        )
+        fitted = base + peak * twitch(lag - onset, constant, order)
+        _draw_line(axes, 1e3 * lag, fitted, place, f'order {order}')
     axes.set(xlabel='time after the pulse [ms]', ylabel=_FORCE)
     axes.legend(fontsize=8)
 
@@ -122,19 +110,13 @@ def _draw_example(axes: Axes, found: TwitchAnalysis) -> None:
 def _draw_latency(axes: Axes, table: LatencyTable, index: int) -> None:
     if not table.rows:
         return
-    percent = np.array([100 * np.nan_to_num(row.intensity, nan=1.0) for row in table.rows])
-    axes.errorbar(
-        # side by side, so that both are visible
-        percent + (index - 0.5) * 1.2,
-        [1e3 * row.mean for row in table.rows],
-        [1e3 * np.nan_to_num(row.spread) for row in table.rows],
-        fmt=MARKERS[index],
-        ls='none',
-        color=COLOURS[index],
-        mfc='white',
-        capsize=3,
-        label=f'{table.method}, from {table.reference}',
-    )
+    rows = np.array([(row.intensity, row.mean, row.spread) for row in table.rows])
+    # side by side, so that both are visible
+    percent = 100 * np.nan_to_num(rows[:, 0], nan=1.0) + (index - 0.5) * 1.2
+    mean, spread = 1e3 * rows[:, 1], 1e3 * np.nan_to_num(rows[:, 2])
+    name, colour = f'{table.method}, from {table.reference}', COLOURS[index]
+    axes.errorbar(percent, mean, spread, fmt='none', color=colour, capsize=3)
+    _draw_points(axes, percent, mean, index, name)
 
 
 def _label_forces(figure: Figure, unit: str) -> None:
@@ -179,17 +161,9 @@ def _draw_gains(axes: Axes, found: SummationAnalysis) -> None:
         kind = index % len(DASHES)
         for place, train in enumerate(alike):
             values = train.gains.gains / max(train.equal.gains[0], 1e-300)
-            axes.plot(
-                np.arange(1, len(values) + 1),
-                values,
-                ls=DASHES[kind],
-                marker=MARKERS[kind],
-                color=COLOURS[kind],
-                mfc='white',
-                ms=4,
-                lw=1,
-                label=f'{name}, {len(alike)} trains' if place == 0 else None,
-            )
+            pulse = np.arange(1, len(values) + 1)
+            label = None if place else f'{name}, {len(alike)} trains'
+            _draw_line(axes, pulse, values, kind, label, marker=MARKERS[kind], mfc='white', ms=4)
     axes.axhline(1.0, color='black', lw=0.6)
     axes.set(xlabel='pulse', ylabel='gain, equal pulses = 1')
     axes.legend(fontsize=7)
@@ -245,10 +219,10 @@ def draw_field(found: FieldAnalysis, title: str = '') -> Figure:
     )  # fmt: skip
     by_rate.set(xlabel='repetition rate [Hz]', ylabel=r'$\rho$')
     zero, full = found.recruitment.by_intensity(np.array([0.0, 1.0]))
-    shape.plot(100 * u, (found.recruitment.by_intensity(u) - zero) / (full - zero), color='black',
-               lw=1.2, label=r'$\rho_u$, Eq. (9)')  # fmt: skip
-    shape.plot(100 * found.monotone_intensity, found.monotone_share, 'o', mfc='white', ms=4,
-               color=COLOURS[1], label='monotone regression')  # fmt: skip
+    share = (found.recruitment.by_intensity(u) - zero) / (full - zero)
+    shape.plot(100 * u, share, color='black', lw=1.2, label=r'$\rho_u$, Eq. (9)')
+    points = 100 * found.monotone_intensity, found.monotone_share
+    _draw_points(shape, *points, 1, 'monotone regression')
     shape.set(xlabel='intensity [%]', ylabel=r'$\rho_u$')
     shape.set_title(
         f'interval +-{found.worst_interval:.2%}, shape {found.shape_difference:.2%}', fontsize=9
@@ -271,11 +245,23 @@ def _draw_family(
     frequent = distinct[count >= min(3, count.max())]
     for index, member in enumerate(frequent[evenly(len(frequent), len(DASHES))].tolist()):
         mine = member_of == member
-        axes.plot(abscissa[mine], ordinate[mine], MARKERS[index], color=COLOURS[index],
-                  mfc='white', ms=4)  # fmt: skip
-        axes.plot(*curve(member), ls=DASHES[index], color=COLOURS[index], lw=1.1,
-                  label=label.format(member))  # fmt: skip
+        _draw_points(axes, abscissa[mine], ordinate[mine], index)
+        _draw_line(axes, *curve(member), index, label.format(member))
     axes.legend(fontsize=7)
+
+
+def _draw_points(
+    axes: Axes, x: np.ndarray, y: np.ndarray, index: int, label: str | None = None
+) -> None:
+    """Draw points in the shape and colour of a number."""
+    axes.plot(x, y, MARKERS[index], color=COLOURS[index], mfc='none', ms=4, label=label)
+
+
+def _draw_line(
+    axes: Axes, x: np.ndarray, y: np.ndarray, index: int, label: str | None, **more: Any
+) -> None:
+    """Draw a line in the dashes and colour of a number."""
+    axes.plot(x, y, ls=DASHES[index], color=COLOURS[index], lw=1.1, label=label, **more)
 
 
 def _figure(width: float, height: float, title: str, figure: Figure | None = None) -> Figure:

@@ -209,12 +209,8 @@ def _field_rows(found: FieldAnalysis, unit: str) -> list[Row]:
         ('recruitment', f'{len(found.points)} levels, {known}, {shape}'),
         (f'{QUANTITIES[unit]} at 100 %, 20 Hz', _interval(found.maximum_force, '{:.4g} ' + unit)),
     ]
-    shown = {
-        'threshold': '{:.1%}',
-        'saturation': '{:.1%}',
-        'threshold_slope': '{:.3g}',
-        'saturation_slope': '{:.3g}',
-    }
+    shown = dict.fromkeys(('threshold', 'saturation'), '{:.1%}')
+    shown |= dict.fromkeys(('threshold_slope', 'saturation_slope'), '{:.3g}')
     if found.rates_fitted:
         shown |= {'rate_saturation': '{:.3g} Hz', 'rate_slope': '{:.3g}'}
     values = found.parameters

@@ -72,11 +72,6 @@ class TimeCourse:
         """Where there is a value (estimates,)."""
         return np.isfinite(self.value)
 
-    def scaled(self, factor: float) -> 'TimeCourse':
-        """Return the quantity in another unit."""
-        ends = (factor * one for one in (self.value, self.lower, self.upper))
-        return TimeCourse(*ends)
-
 
 @dataclass(frozen=True)
 class Course:
@@ -277,10 +272,8 @@ def _not_told(course: Course) -> str:
         if NO_CONSTANT_MUSCLE in course.estimates[-1].doubts:
             return f'{REASON[NO_CONSTANT_MUSCLE].capitalize()}.'
         return 'One muscle explains all of the recording.'
-    return (
-        f'The estimator {name} assumes a muscle that does not change; the estimator '
-        'tracking can find out.'
-    )
+    assumed = f'The estimator {name} assumes a muscle that does not change'
+    return f'{assumed}; the estimator tracking can find out.'
 
 
 def _same(course: Course) -> str:

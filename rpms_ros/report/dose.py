@@ -85,8 +85,5 @@ def _spread(
 ) -> dict[str, float] | None:
     if not len(values):
         return None
-    return {
-        'lowest': float(values.min()),
-        name: float(middle(values)),
-        'highest': float(values.max()),
-    }
+    low, high = float(values.min()), float(values.max())
+    return {'lowest': low, name: float(middle(values)), 'highest': high}

@@ -72,12 +72,9 @@ def draw_recruitment(
 ) -> None:
     """Draw the recruitment curve with its band, the true one and the intensities used."""
     (place,), last = axes, session.last
-    place.set(
-        title=f'Recruitment at {last.repetition_rate:g} Hz',
-        xlabel='intensity / share of maximum',
-        ylabel=f'steady mean {quantity(last.unit)}',
-        xlim=(0.0, 1.0),
-    )
+    place.set_title(f'Recruitment at {last.repetition_rate:g} Hz')
+    place.set(xlabel='intensity / share of maximum', xlim=(0.0, 1.0))
+    place.set_ylabel(f'steady mean {quantity(last.unit)}')
     intensity = last.curve_intensity
     if truth is not None and truth.comparable(last):
         draw_true(place, truth.intensity, truth.curve_at(last.stamp_ns))
@@ -110,12 +107,8 @@ def draw_response(
     (place,), last = axes, session.last
     time = 1e3 * last.response_time
     full = 'at full intensity' if last.curve_known else 'of the intensity used'
-    place.set(
-        title=f'Response to one pulse {full}',
-        xlabel='time after the pulse / ms',
-        ylabel=quantity(last.unit),
-        xlim=(0.0, float(time[-1])),
-    )
+    place.set(title=f'Response to one pulse {full}', xlabel='time after the pulse / ms')
+    place.set(ylabel=quantity(last.unit), xlim=(0.0, float(time[-1])))
     if truth is not None and truth.comparable(last):
         fine = np.linspace(0.0, float(time[-1]), 500)
         shape = truth.response(1e-3 * fine, last.stamp_ns)
@@ -312,7 +305,8 @@ def course_panels(course: Course, truth: KnownMuscle | None = None) -> list[_Pan
     constant = course.physiology('twitch_time_constant_s')
     if np.count_nonzero(constant.known) > 1:
         known = None if truth is None else 1e3 * truth.at('time_constant', stamps)
-        panels.append(_Panel('T_a / ms', [_Line('T_a', constant.scaled(1e3), known)], _TIME_SPAN))
+        scaled = TimeCourse(*(1e3 * values for values in vars(constant).values()))
+        panels.append(_Panel('T_a / ms', [_Line('T_a', scaled, known)], _TIME_SPAN))
     if np.count_nonzero(course.disturbance.known) > 1:
         forces = np.abs(force.value[force.known])
         span = _FORCE_SPAN * float(np.median(forces)) if len(forces) else 0.0
@@ -336,14 +330,8 @@ def draw_course(axes: list[Axes], course: Course, truth: KnownMuscle | None = No
     top = axes[0]
     top.set_title('Estimates during the session')
     for change in course.changes:
-        top.annotate(
-            change.kind,
-            (change.time_s, 1.0),
-            xycoords=('data', 'axes fraction'),
-            xytext=(3, -10),
-            textcoords='offset points',
-            fontsize=9.0,
-        )
+        above = top.get_xaxis_transform()
+        top.text(change.time_s, 0.99, change.kind, transform=above, va='top', fontsize=9.0)
     axes[-1].set(xlabel='time / s', xlim=(0.0, course.end_s))
 
 
@@ -414,7 +402,6 @@ _STYLE: dict[Any, Any] = {
     'legend.fontsize': 9.5,
     # Text stays text: it can be searched, copied and read aloud.
     'svg.fonttype': 'none',
-    'path.simplify': True,
     'path.simplify_threshold': 0.3,
     # ids that do not change from run to run
     'svg.hashsalt': 'rpms_ros',
@@ -462,21 +449,17 @@ def as_svg(name: str, report: SessionReport) -> bytes:
     return file.getvalue()
 
 
-def write_figures(folder: Path, report: SessionReport) -> list[Path]:
-    """Write all figures as PNG and SVG files; return their paths.
+def write_figures(folder: Path, report: SessionReport) -> None:
+    """Write all figures as PNG and SVG files.
 
     Raises
     ------
     ReportError
         If they cannot be written.
     """
-    written: list[Path] = []
     for name in names_of(report):
-        paths = [folder / f'{name}.{ending}' for ending in ('png', 'svg')]
         with style():
-            save_figure(draw(name, report), *paths)
-        written += paths
-    return written
+            save_figure(draw(name, report), folder / f'{name}.png', folder / f'{name}.svg')
 
 
 def style() -> AbstractContextManager[None]:

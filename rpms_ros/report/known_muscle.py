@@ -102,11 +102,8 @@ class KnownMuscle:
 
     def _between(self, values: FloatArray, wanted: IntArray | int) -> FloatArray:
         # relative to the first: a double does not resolve nanoseconds since 1970
-        elapsed, times = (
-            (np.asarray(stamp_ns) - self.stamp_ns[0]).astype(np.float64)
-            for stamp_ns in (wanted, self.stamp_ns)
-        )
-        found: FloatArray = np.interp(elapsed, times, values)
+        first = self.stamp_ns[0]
+        found: FloatArray = np.interp(np.asarray(wanted) - first, self.stamp_ns - first, values)
         return found
 
     def parameter(self, name: str, stamp_ns: IntArray) -> FloatArray | None:
@@ -150,10 +147,8 @@ class KnownMuscle:
         if not self.comparable(estimate) or not len(estimate.curve_upper):
             return float('nan')
         true = self.curve_at(estimate.stamp_ns)
-        lower, upper = (
-            np.interp(self.intensity, estimate.curve_intensity, values)
-            for values in (estimate.curve_lower, estimate.curve_upper)
-        )
+        ends = (estimate.curve_lower, estimate.curve_upper)
+        lower, upper = (np.interp(self.intensity, estimate.curve_intensity, end) for end in ends)
         return float(np.mean((lower <= true) & (true <= upper)))
 
     def judged(self, course: Course) -> Judgement | None:

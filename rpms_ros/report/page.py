@@ -28,19 +28,6 @@ _TEMPLATES = Path(__file__).parent / 'templates'
 UNKNOWN = 'not known'
 # The year 2000: stamps before are those of a clock that began with the machine or the trial.
 _EARLIEST_S = 946_684_800
-CAPTIONS = {
-    'recruitment': 'Steady force over intensity with its band; the bars below show which '
-    'intensities were used.',
-    'response': 'Force after one pulse, from the pulse on.',
-    'parameters': 'Estimates over time, with 95 % bands; dotted lines are sudden changes, '
-    'hatched spans have a doubt or a fault, dashed is the truth where the muscle was simulated.',
-    'force': 'Measured and modelled force at the end of the stimulation, and their difference.',
-    'worst': 'The same where the difference is largest, past the first fifth of the session.',
-    'residuals': 'Correlations of the residual: within the dashed lines it is white noise.',
-    'held_out': 'Force that was not learnt from, and its prediction.',
-    'schedule': 'The pulses that were delivered, and their energy.',
-}
-"""One sentence a figure."""
 # In the order of the page.
 SECTIONS = {
     'summary': 'Verdict',
@@ -87,7 +74,6 @@ def as_page(report: SessionReport) -> str:
         rate_words=RATE_WORDS,
         train_gap=TRAIN_GAP,
         start=_start(document['session']['start_ns']),
-        captions=CAPTIONS,
         what=QUANTITIES[report.result.unit],
         force_range=float(np.ptp(session.force[session.usable])),
         image=lambda name: f'data:image/svg+xml,{quote(as_svg(name, report), safe=_KEPT)}',

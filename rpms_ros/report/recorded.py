@@ -129,15 +129,12 @@ def recorded_messages(
             except _NOT_THERE:
                 found.unreadable += 1
     if len(topics) > 1:
-        raise RecordingError(
-            f'expected estimates of one identifier in {path}, got {", ".join(sorted(topics))}'
-        )
+        fault = f'expected estimates of one identifier in {path}, got {", ".join(sorted(topics))}'
+        raise RecordingError(fault)
     return found
 
 
-def true_muscle(
-    recording: 'Recording', rate_hz: float, memory: int | None = None
-) -> KnownMuscle | None:
+def true_muscle(recording: 'Recording', rate_hz: float) -> KnownMuscle | None:
     """Return the muscle of a simulated recording, None if it has none.
 
     Parameters
@@ -146,8 +143,6 @@ def true_muscle(
         Of a simulator, or not.
     rate_hz : float
         Rate for which the curve is stated, where only the notes tell the muscle [Hz].
-    memory : int, optional
-        What reading may take, as of `read_recording` [bytes].
 
     Raises
     ------
@@ -156,7 +151,7 @@ def true_muscle(
     """
     facts, truths = recording.facts, []
     if any(topic.type_name == messages.MUSCLE_TRUTH for topic in facts.topics):
-        truths = recorded_messages(facts.path, memory, (messages.MUSCLE_TRUTH,)).truths
+        truths = recorded_messages(facts.path, None, (messages.MUSCLE_TRUTH,)).truths
     return known_muscle(truths, facts.custom, rate_hz)
 
 
@@ -178,6 +173,11 @@ def _totals(before: DriverTotals | None, status: Any) -> DriverTotals:
 
 
 _SHARES = (25, 50, 75, 100)
+# columns that are called as fields of an estimate
+_SAME = (
+    *('disturbance', 'disturbance_deviation', 'output_error', 'confidence'),
+    *('samples', 'pulses', 'changes'),
+)
 
 
 def estimate_table(estimates: Sequence[Estimate]) -> EstimateTable:
@@ -216,16 +216,8 @@ def _numbers(one: Estimate) -> dict[str, float]:
     physiology = (one.physiology, one.physiology_lower, one.physiology_upper)
     found |= _banded(one.physiology_names, *physiology)
     found |= _banded(one.rate_names, one.rate, one.rate_lower, one.rate_upper)
-    return found | {
-        'disturbance': one.disturbance,
-        'disturbance_deviation': one.disturbance_deviation,
-        'output_error': one.output_error,
-        'confidence': one.confidence,
-        'repetition_rate_hz': one.repetition_rate,
-        'samples': float(one.samples),
-        'pulses': float(one.pulses),
-        'changes': float(one.changes),
-    }
+    found |= {name: float(getattr(one, name)) for name in _SAME}
+    return found | {'repetition_rate_hz': one.repetition_rate}
 
 
 def _at_shares(one: Estimate, curve: FloatArray) -> FloatArray:
@@ -246,16 +238,12 @@ def _banded(
 
 
 def _texts(one: Estimate) -> dict[str, str]:
+    faults = json.dumps(dict(one.faults), sort_keys=True)
+    found = {'estimator': one.estimator, 'faults': faults, 'doubts': '; '.join(one.doubts)}
     flags = one.nonlinear_identifiability.tolist()
-    return {
-        'estimator': one.estimator,
-        'faults': json.dumps(dict(one.faults), sort_keys=True),
-        'doubts': '; '.join(one.doubts),
-        **{
-            f'{name}_determined': IDENTIFIABILITY.get(flag, '')
-            for name, flag in zip(one.nonlinear_names, flags, strict=False)
-        },
-    }
+    for name, flag in zip(one.nonlinear_names, flags, strict=False):
+        found[f'{name}_determined'] = IDENTIFIABILITY.get(flag, '')
+    return found
 
 
 @dataclass(frozen=True)
@@ -301,11 +289,8 @@ def compare(live: Sequence[Estimate], replayed: Sequence[Estimate]) -> Agreement
 
 def differences(first: Estimate, second: Estimate) -> list[str]:
     """Return the names of the fields that differ in any bit."""
-    return [
-        field.name
-        for field in fields(Estimate)
-        if not _same(getattr(first, field.name), getattr(second, field.name))
-    ]
+    names = (field.name for field in fields(Estimate))
+    return [name for name in names if not _same(getattr(first, name), getattr(second, name))]
 
 
 def _same(first: Any, second: Any) -> bool:

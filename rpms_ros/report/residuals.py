@@ -123,23 +123,22 @@ def analyse_residuals(
     early = min(round(_EARLIEST_LAG / period), longest)
     stimulation = stimulation_at(stamp_ns, pulses)
     cross, cross_band = _cross(stimulation, centred, auto, early, longest)
-    causal = cross[early:]
     return ResidualAnalysis(
         samples=count,
         sample_period_s=period,
         root_mean_square=float(np.sqrt(np.mean(residual**2))),
         mean=float(residual.mean()),
-        lag_s=_lags(0, longest, period),
+        lag_s=period * np.arange(longest + 1.0),
         autocorrelation=auto,
         autocorrelation_band=float(band),
         autocorrelation_outside=_share(np.abs(auto[1:]) > band),
         ljung_box=statistic,
         ljung_box_lags=longest,
         ljung_box_p=p_value,
-        cross_lag_s=_lags(early, longest, period) if len(cross) else np.empty(0),
+        cross_lag_s=period * np.arange(-early, longest + 1.0) if len(cross) else np.empty(0),
         cross_correlation=cross,
         cross_correlation_band=cross_band,
-        cross_correlation_outside=_share(np.abs(causal) > cross_band),
+        cross_correlation_outside=_share(np.abs(cross[early:]) > cross_band),
     )
 
 
@@ -193,10 +192,6 @@ def stimulation_at(stamp_ns: IntArray, pulses: PulseTrain) -> FloatArray:
 
 def _share(chosen: BoolArray) -> float:
     return float(np.mean(chosen)) if len(chosen) else 0.0
-
-
-def _lags(before: int, after: int, period: float) -> FloatArray:
-    return np.arange(-before, after + 1, dtype=np.float64) * period
 
 
 def _cross(

@@ -136,9 +136,8 @@ def identified(
     """
     count = isinstance(most_estimates, int | np.integer) and most_estimates >= 1
     if most_estimates is not None and not count:
-        raise IdentificationError(
-            f'expected most_estimates as a whole number from 1 on, got {most_estimates!r}'
-        )
+        fault = f'expected most_estimates as a whole number from 1 on, got {most_estimates!r}'
+        raise IdentificationError(fault)
     session = replayed(recording, options.build(), progress, most_estimates)
     # a preset of the paper is chosen for its model
     chosen = options.estimator == 'batch' and options.preset == PEOPLE_PRESET
@@ -346,6 +345,10 @@ def result_of(
     notes += [ONE_INTENSITY] if not known and of_one_intensity(pulses, stamps) else []
     notes += [FOLLOWED] if FOLLOWED in last.reasons else []
     verdict = verdict_of(session, pulses, recording.forces, expected_force, dynamics)
+    lower, upper = _if_any(last.curve_lower), _if_any(last.curve_upper)
+    curve = Curve(intensity=last.curve_intensity, force=last.curve_force, lower=lower, upper=upper)
+    band = {'lower': _if_any(last.response_lower), 'upper': _if_any(last.response_upper)}
+    band = band if known else {}
     return IdentificationResult(
         session_hash=session_hash(recording),
         schedules=list(recording.facts.schedules),
@@ -356,20 +359,8 @@ def result_of(
         duration_s=float(np.ptp(stamps)) / NANOSECONDS_PER_SECOND,
         rate_hz=last.repetition_rate,
         recruitment=_informed(names, last.nonlinear, informed) if known else None,
-        curve=Curve(
-            intensity=last.curve_intensity,
-            force=last.curve_force,
-            lower=_if_any(last.curve_lower),
-            upper=_if_any(last.curve_upper),
-        )
-        if known
-        else None,
-        impulse_response=ImpulseResponse(
-            time_s=last.response_time,
-            force=response,
-            lower=_if_any(last.response_lower) if known else None,
-            upper=_if_any(last.response_upper) if known else None,
-        ),
+        curve=curve if known else None,
+        impulse_response=ImpulseResponse(time_s=last.response_time, force=response, **band),
         confidence=last.confidence or None,
         identifiability=dict(zip(names, flags, strict=True)) if flags else None,
         deviation=_informed(names, deviation, informed) if len(deviation) else None,

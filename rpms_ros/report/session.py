@@ -232,10 +232,15 @@ def report_of(
     truth = known_muscle(recorded.truths, notes, session.last.repetition_rate)
     judgement = truth and truth.judged(course)
     remarks = list(result.notes)
+    # the samples learnt from at the end of the session
+    stamps, residuals = session.stamp_ns, None
+    late = stamps >= stamps[-1] - round(_RESIDUAL_SHARE * int(stamps[-1] - stamps[0]))
+    kept = session.usable & late
+    residual = (session.force - session.prediction)[kept]
     try:
-        residuals = _residuals(session, recording)
+        found = analyse_residuals(stamps[kept], residual, recording.pulses)
+        residuals = replace(found, share_of_session=_RESIDUAL_SHARE)
     except ReportError as error:
-        residuals = None
         remarks.append(f'no residual analysis: {error}')
     first_ns = boundary(session.stamp_ns, held_out_share)
     learnt = replayed(recording, FrozenFrom(estimator, first_ns), progress)
@@ -271,16 +276,6 @@ def report_of(
         course=course,
         true_muscle=truth,
     )
-
-
-def _residuals(session: IdentifiedSession, recording: Recording) -> ResidualAnalysis:
-    """Return the residuals of the samples learnt from at the end of the session."""
-    stamps = session.stamp_ns
-    span = round(_RESIDUAL_SHARE * int(stamps[-1] - stamps[0]))
-    kept = session.usable & (stamps >= stamps[-1] - span)
-    residual = (session.force - session.prediction)[kept]
-    found = analyse_residuals(stamps[kept], residual, recording.pulses)
-    return replace(found, share_of_session=_RESIDUAL_SHARE)
 
 
 def _versions() -> dict[str, str]:

@@ -7,13 +7,7 @@ import hashlib
 import json
 import os
 from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import (
-    Executor,
-    Future,
-    ProcessPoolExecutor,
-    ThreadPoolExecutor,
-    as_completed,
-)
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from dataclasses import asdict, dataclass
@@ -165,17 +159,13 @@ def finished(
     count = len(os.sched_getaffinity(0)) if jobs is None else jobs
     if count < 1:
         raise RecordingError(f'expected at least one job, got {jobs}')
-    with _pool(min(count, len(paths))) as pool:
+    workers = min(count, len(paths))
+    # Fresh interpreters: a fork would copy locks that threads of this process hold.
+    several = ProcessPoolExecutor(workers, get_context('spawn')) if workers > 1 else None
+    with several or ThreadPoolExecutor(1) as pool:
         futures = {pool.submit(work, str(path), options): path for path in paths}
         for future in as_completed(futures):
             yield futures[future], _outcome(future)
-
-
-def _pool(count: int) -> Executor:
-    if count == 1:
-        return ThreadPoolExecutor(1)
-    # Fresh interpreters: a fork would copy locks that threads of this process hold.
-    return ProcessPoolExecutor(count, get_context('spawn'))
 
 
 def _outcome(future: 'Future[Row]') -> Row:
@@ -218,9 +208,8 @@ def _is_result(path: Path, out: Path | None) -> bool:
         return True
     if path.is_file():
         return path.suffix in _RESULT_FILES
-    if not path.is_dir() or _is_recording(path):
-        return False
-    return any(one.name in _RESULTS for one in path.iterdir())
+    folder = path.is_dir() and not _is_recording(path)
+    return folder and any(one.name in _RESULTS for one in path.iterdir())
 
 
 def _is_recording(path: Path) -> bool:
@@ -269,11 +258,9 @@ class StudyTable:
 
     def rows(self) -> list[Row]:
         """Return the rows that are there, in the order of the recordings, every column set."""
-        return [
-            dict.fromkeys(columns()) | self._rows[path] | {'recording': str(path)}
-            for path in self.recordings
-            if path in self._rows
-        ]
+        empty: Row = dict.fromkeys(columns())
+        done = (path for path in self.recordings if path in self._rows)
+        return [empty | self._rows[path] | {'recording': str(path)} for path in done]
 
     def add(self, path: Path, row: Row) -> None:
         """Take a row."""
@@ -309,11 +296,9 @@ class StudyTable:
                 sessions.setdefault(row['session_hash'], []).append(row['recording'])
             if row['twitch_time_constant_s'] is not None and row['verdict'] != 'no':
                 models.add(row['train_model'] or 'response to one pulse')
-        remarks = [
-            f'{", ".join(same)} hold the same pulses and forces: they count more than once'
-            for same in sessions.values()
-            if len(same) > 1
-        ]
+        twice = (', '.join(paths) for paths in sessions.values() if len(paths) > 1)
+        alike = 'hold the same pulses and forces: they count more than once'
+        remarks = [f'{paths} {alike}' for paths in twice]
         if len(models) > 1:
             remarks.append(
                 f'T_a is that of different models ({", ".join(sorted(models))}), which do not '

@@ -82,17 +82,11 @@ def read_matlab(path: Path) -> SignalFile:
             return channels
         items = list(_from_structure(content))
     vectors = [vector for name, array in items for vector in _vectors(name, array)]
-    rates = [
-        float(array.ravel()[0])
-        for name, array in items
-        if name.rpartition('.')[2].lower() in _RATES and array.size == 1
-    ]
-    return SignalFile(
-        path,
-        'MATLAB',
-        tuple(Signal(name, values, unit_of(name)) for name, values in vectors),
-        sampling_rate_hz=rates[0] if rates and rates[0] > 0.0 else None,
-    )
+    signals = tuple(Signal(name, values, unit_of(name)) for name, values in vectors)
+    single = (item for item in items if item[1].size == 1)
+    rates = [one for name, one in single if name.rpartition('.')[2].lower() in _RATES]
+    rate = float(rates[0].ravel()[0]) if rates else 0.0
+    return SignalFile(path, 'MATLAB', signals, sampling_rate_hz=rate if rate > 0.0 else None)
 
 
 def _vectors(name: str, array: Any) -> Iterator[tuple[str, FloatArray]]:
@@ -192,9 +186,8 @@ def read_excel(path: Path, sheet: str | None = None) -> SignalFile:
 def _chosen(path: Path, names: list[str], sheet: str | None) -> str:
     """Return the name of the sheet that is read."""
     if sheet is None and len(names) != 1:
-        raise RecordingError(
-            f'expected one sheet in {path}, got {", ".join(names)}: --sheet NAME decides'
-        )
+        fault = f'expected one sheet in {path}, got {", ".join(names)}: --sheet NAME decides'
+        raise RecordingError(fault)
     if sheet is not None and sheet not in names:
         raise RecordingError(f'expected a sheet of {", ".join(names)} in {path}, got {sheet!r}')
     return sheet or names[0]
@@ -216,12 +209,9 @@ def read_xdf(path: Path) -> SignalFile:
     if not begins:
         raise RecordingError(f'expected a sampled stream in {path}, got {len(events)} of events')
     start = float(min(begins))
-    return SignalFile(
-        path,
-        'XDF',
-        tuple(replace(one, time=one.time - start) for one in signals if one.time is not None),
-        tuple(replace(one, time=one.time - start) for one in events),
-    )
+    sampled = (replace(one, time=one.time - start) for one in signals if one.time is not None)
+    marks = (replace(one, time=one.time - start) for one in events)
+    return SignalFile(path, 'XDF', tuple(sampled), tuple(marks))
 
 
 def _sorted(streams: list[dict[str, Any]]) -> tuple[list[Signal], list[Events]]:

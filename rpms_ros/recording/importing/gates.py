@@ -317,11 +317,8 @@ def list_unit(
         return SAMPLES, 'as the name says (--pulse-unit decides)'
     if time_unit is not None:
         return time_unit, 'as stated (--time-unit)'
-    possible = [
-        unit
-        for unit in ('s', 'ms', SAMPLES, 'us')
-        if (numbers if unit == SAMPLES else _within(signal.values, unit, seconds))
-    ]
+    within = {unit: _within(signal.values, unit, seconds) for unit in ('s', 'ms', 'us')}
+    possible = [one for one in ('s', 'ms', SAMPLES, 'us') if within.get(one, numbers)]
     begin, end = float(seconds[0]), float(seconds[-1])
     period = (end - begin) / max(len(seconds) - 1, 1)
     # With a sample each millisecond both are the same, up to the number of the first.

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rpms_ros.axis import FORCE, TORQUE
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import FloatArray
 from rpms_ros.recording.importing.gates import (
@@ -78,11 +77,6 @@ class Guess:
     reasons: tuple[tuple[str, str], ...]
     pulse_unit: str | None = None
 
-    @property
-    def quantity(self) -> str:
-        """What the sensor measured: ``force`` or ``torque``."""
-        return TORQUE if self.force_unit in TORQUE_UNITS else FORCE
-
 
 def guess_by(file: SignalFile, options: ImportOptions) -> Guess:
     """Assign the signals of a file to time, force and pulses; options override.
@@ -118,9 +112,8 @@ def guess_by(file: SignalFile, options: ImportOptions) -> Guess:
     list_in, pulses_told = None, repr(pulse)
     if is_list:
         if gate is None or gate.time is not None:
-            raise RecordingError(
-                f'expected a list of pulses in no stated unit with --pulse-unit, got {pulse!r}'
-            )
+            fault = f'expected a list of pulses in no stated unit with --pulse-unit, got {pulse!r}'
+            raise RecordingError(fault)
         seconds = _seconds(sensor, column, TIME_UNITS[unit], rate)
         list_in, reason = list_unit(gate, seconds, options.pulse_unit, options.time_unit)
         pulses_told = described(gate, list_in, reason)
@@ -143,11 +136,9 @@ def _seconds(force: Signal, time: Signal | None, unit: float, rate: float | None
 
 def _length_of_force(file: SignalFile, force: str | None) -> int:
     """Return the samples of the force, or of the longest signal that may be it."""
-    likely = [
-        one
-        for one in file.signals
-        if (one.name == force if force else _has_force_unit(one) or _FORCE.search(one.name))
-    ]
+    likely = [one for one in file.signals if _has_force_unit(one) or _FORCE.search(one.name)]
+    if force:
+        likely = [one for one in file.signals if one.name == force]
     return max((len(one.values) for one in likely or file.signals), default=0)
 
 

@@ -282,9 +282,8 @@ def _columns(path: Path, rows: Sequence[list[str]], width: int, comma: bool) -> 
                 days.add(clock[1] or '')
             table[index, column] = value
     if len(days) > 1:
-        raise RecordingError(
-            f'expected the times of one day in {path}, got those of {len(days)} dates'
-        )
+        fault = f'expected the times of one day in {path}, got those of {len(days)} dates'
+        raise RecordingError(fault)
     return [np.ascontiguousarray(column) for column in table.T]
 
 

@@ -13,7 +13,7 @@ from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 
-from rpms_ros.axis import FORCE
+from rpms_ros.axis import FORCE, TORQUE
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import (
     NANOSECONDS_PER_SECOND,
@@ -36,6 +36,7 @@ from rpms_ros.recording.importing.signals import (
     SAMPLES,
     SENSOR_UNITS,
     TIME_UNITS,
+    TORQUE_UNITS,
     ImportOptions,
     Signal,
     SignalFile,
@@ -98,7 +99,12 @@ def import_file(path: Path, options: ImportOptions) -> Imported:
     file = read_signals(path, options.block, options.sheet)
     guess = guess_by(file, options)
     pulses, forces = _converted(file, guess, options)
-    remarks = list(_remarks(pulses, forces))
+    remarks = []
+    if missing := int(np.count_nonzero(~np.isfinite(forces.force))):
+        remarks.append(('missing', f'{missing} samples of the force are no finite number'))
+    period = float(np.median(np.diff(forces.stamp_ns))) / 1e9 if len(forces) > 1 else 0.0
+    if warning := odd_gate(pulses, period):
+        remarks.append(('warning', warning))
     if pulses.sequence[0]:
         remarks.append(('warning', _BEGUN))
     elif begins_amid(pulses, forces):
@@ -119,15 +125,14 @@ def import_file(path: Path, options: ImportOptions) -> Imported:
     if left := [name for name in names if name not in used]:
         remarks.append(('not used', ', '.join(map(repr, left))))
     if options.intensity == 1.0:
-        remarks += [
-            ('warning', f'each pulse has the intensity 1; --intensity {name!r} decides otherwise')
-            for name in left
-            if 'intens' in name.lower()
-        ]
+        text = 'each pulse has the intensity 1; --intensity {!r} decides otherwise'
+        named = (name for name in left if 'intens' in name.lower())
+        remarks += [('warning', text.format(name)) for name in named]
     read = (('file', ', '.join((file.kind, *file.facts))), *guess.reasons, *remarks)
-    named = None not in (options.time, options.force, options.pulse)
+    quantity = TORQUE if guess.force_unit in TORQUE_UNITS else FORCE
+    all_given = None not in (options.time, options.force, options.pulse)
     told = remarks or any(text.endswith('decides)') for _, text in guess.reasons)
-    return Imported(pulses, forces, read, bool(told or not named), guess.quantity)
+    return Imported(pulses, forces, read, bool(told or not all_given), quantity)
 
 
 def _intensities(
@@ -216,9 +221,7 @@ def _stamps(file: SignalFile, signal: Signal, guess: Guess, options: ImportOptio
         return _rising(file, signal.name, signal.time, 1.0)
     rate = options.sampling_rate or file.sampling_rate_hz
     assert rate is not None
-    steps = np.arange(len(signal.values)) * (NANOSECONDS_PER_SECOND / rate)
-    stamps: IntArray = np.rint(steps).astype(np.int64)
-    return stamps
+    return stamps(np.arange(len(signal.values)) / rate)
 
 
 def _finite(file: SignalFile, signal: Signal) -> None:
@@ -254,14 +257,6 @@ def _of_events(onset: IntArray, options: ImportOptions, file: SignalFile) -> Pul
     if not len(onset):
         raise RecordingError(f'expected pulses in {file.path}, got an empty list of events')
     return PulseTrain.numbered(onset, options.share)
-
-
-def _remarks(pulses: PulseTrain, forces: ForceTrace) -> Iterator[tuple[str, str]]:
-    if missing := int(np.count_nonzero(~np.isfinite(forces.force))):
-        yield 'missing', f'{missing} samples of the force are no finite number'
-    period = float(np.median(np.diff(forces.stamp_ns))) / 1e9 if len(forces) > 1 else 0.0
-    if warning := odd_gate(pulses, period):
-        yield 'warning', warning
 
 
 _AMID = (

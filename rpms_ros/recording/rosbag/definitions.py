@@ -23,7 +23,7 @@ from typing import Any, Literal
 import numpy as np
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
-from rpms_ros.errors import RecordingError
+from rpms_ros.errors import MISREAD, RecordingError
 
 PULSE = 'rpms_msgs/msg/Pulse'
 WRENCH_STAMPED = 'geometry_msgs/msg/WrenchStamped'
@@ -38,15 +38,7 @@ _LONGEST = 500_000
 _MOST_FIELDS = 10_000
 _DEEPEST = 30
 # What rosbags raises at texts that are no definitions.
-_ERRORS = (
-    TypesysError,
-    ArithmeticError,
-    AttributeError,
-    LookupError,
-    RecursionError,
-    TypeError,
-    ValueError,
-)
+_ERRORS = (TypesysError, *MISREAD)
 
 Types = dict[str, tuple[Any, list[tuple[str, Any]]]]
 """Constants, and names and descriptions of fields, by type name: rosbags' `Typesdict`."""
@@ -123,9 +115,8 @@ def types_of(type_name: str, text: str, encoding: str) -> Typestore:
         fields_of(store, type_name)
     except _ERRORS as error:
         reason = str(error).splitlines() or [type(error).__name__]
-        raise RecordingError(
-            f'expected a definition of {type_name} that can be used, got {reason[0]:.200}'
-        ) from error
+        fault = f'expected a definition of {type_name} that can be used, got {reason[0]:.200}'
+        raise RecordingError(fault) from error
     return store
 
 
@@ -207,14 +198,10 @@ def differs_from_known(type_name: str, types: Typestore) -> bool:
 def has_fixed_places(fields: Sequence[Field]) -> bool:
     """Tell whether the places of all fields follow from the length of at most one string."""
     strings = [field.count for field in fields if field.kind == 'string']
-    return (
-        strings in ([], [1])
-        and len({field.path for field in fields}) == len(fields)
-        and all(
-            0 < field.count <= _MOST_FIELDS and (field.number or field.kind == 'string')
-            for field in fields
-        )
-    )
+    paths = {field.path for field in fields}
+    counted = all(0 < field.count <= _MOST_FIELDS for field in fields)
+    known = all(field.number or field.kind == 'string' for field in fields)
+    return strings in ([], [1]) and len(paths) == len(fields) and counted and known
 
 
 @lru_cache(1000)

@@ -147,9 +147,8 @@ class McapFile(StorageFile):
             self._check_end(frame, footer[0][0], chunked=bool(chunks))
             return
         lost = len(self._data) - stop
-        self._findings.add(
-            'truncated_file', f'{self._path.name} has no end: {lost} bytes from a cut-off record'
-        )
+        found = f'{self._path.name} has no end: {lost} bytes from a cut-off record'
+        self._findings.add('truncated_file', found)
         if lost > RECORD_HEAD + _CHUNK_HEAD and self._data[stop] == Opcode.CHUNK:
             yield from self._chunk(stop + RECORD_HEAD, len(self._data), cut_off=True)
 
@@ -187,9 +186,8 @@ class McapFile(StorageFile):
             # Of a chunk that ends early, the beginning is all that there is.
             return True
         if not fits:
-            self._findings.add(
-                'damaged_chunk', f'chunk at byte {start} left out: its checksum does not fit'
-            )
+            found = f'chunk at byte {start} left out: its checksum does not fit'
+            self._findings.add('damaged_chunk', found)
         return fits
 
     def _messages(self, data: ByteArray, frame: Frame) -> Iterator[Batch]:
@@ -233,9 +231,8 @@ class McapFile(StorageFile):
         # Without an index the checksum covers the head of the footer alone.
         covered = data[footer.summary_start or start - RECORD_HEAD : start + _FOOTER_SIZE - 4]
         if footer.summary_crc and crc32(covered.tobytes()) != footer.summary_crc:
-            self._findings.add(
-                'wrong_checksum', f'the checksum of the index of {name} does not fit'
-            )
+            found = f'the checksum of the index of {name} does not fit'
+            self._findings.add('wrong_checksum', found)
         elif statistics := frame.of_kind(Opcode.STATISTICS):
             begin = statistics[-1][0]
             count = int.from_bytes(data[begin : begin + 8].tobytes(), 'little')

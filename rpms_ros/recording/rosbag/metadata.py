@@ -17,7 +17,7 @@ from typing import Any
 
 import yaml
 
-from rpms_ros.errors import RecordingError
+from rpms_ros.errors import MISREAD, RecordingError
 from rpms_ros.recording.rosbag.records import Findings
 
 NAME = 'metadata.yaml'
@@ -44,10 +44,7 @@ _KINDS: dict[str, type | tuple[type, ...]] = {
 }
 
 
-_FAULTS = (
-    yaml.YAMLError, ArithmeticError, AttributeError, LookupError, OSError, RecordingError,
-    RecursionError, TypeError, ValueError,
-)  # fmt: skip
+_FAULTS = (yaml.YAMLError, OSError, RecordingError, *MISREAD)
 
 
 def read_metadata(path: Path, findings: Findings) -> dict[str, Any]:
@@ -74,8 +71,7 @@ def read_metadata(path: Path, findings: Findings) -> dict[str, Any]:
     # mcap files have quicker checksums
     for name in (path.name, *(name for name in sums if name.endswith('.db3'))):
         if not fits(path.parent / name, sums.get(name)):
-            found = f'{name} is not what was written: its SHA-256 differs'
-            findings.add('wrong_checksum', found)
+            findings.add('wrong_checksum', f'{name} is not what was written: its SHA-256 differs')
     return metadata
 
 

@@ -25,27 +25,8 @@ from rpms_ros.recording.rosbag.definitions import types_of
 from rpms_ros.recording.rosbag.metadata import SUMS_NAME
 from rpms_ros.recording.rosbag.records import Channel, Records
 from rpms_ros.recording.rosbag.scan import Progress, Scan, TopicFacts
-from rpms_ros.recording.rosbag.topic_reading import (
-    PULSE_TYPES,
-    SENSOR_TYPES,
-    TopicReading,
-    TopicValues,
-)
+from rpms_ros.recording.rosbag.topic_reading import PULSE_TYPES, SENSOR_TYPES, TopicReading
 from rpms_ros.schema import documented
-
-
-def samples_before(messages: TopicValues, force: TopicValues) -> IntArray:
-    """Return how many samples were received before each message (messages,) of another topic.
-
-    Where the clock of reception was set back, only the order of the recording tells.  Otherwise
-    the times do, since a recording may also have been written one topic after the other; a pulse
-    comes before a sample of the same time.
-    """
-    rising = all((np.diff(topic.received_ns) >= 0).all() for topic in (messages, force))
-    if rising:
-        return np.searchsorted(force.received_ns, messages.received_ns, side='left')
-    return np.searchsorted(force.place, messages.place)
-
 
 ACCEPTED_SCHEDULE = 'rpms_msgs/msg/AcceptedSchedule'
 _MOST = 1000
@@ -121,12 +102,8 @@ def _schedule_of(message: Any) -> RecordedSchedule:
 
 
 DAMAGE = {
-    'damaged_chunk',
-    'damaged_record',
-    'missing_file',
-    'truncated_file',
-    'undecodable_message',
-    'unreadable_file',
+    *('damaged_chunk', 'damaged_record', 'missing_file'),
+    *('truncated_file', 'undecodable_message', 'unreadable_file'),
 }
 """Faults of a recording of which a part is lost."""
 
@@ -304,6 +281,12 @@ def read_recording(
     if not any(facts.count for facts in scan.topics.values()):
         raise RecordingError(f'expected messages in {path}, got none')
     pulses, force = (reading.values(scan) for reading in readings)
+    # Where the clock of reception was set back, only the order of the recording tells.  Otherwise
+    # the times do, since a recording may also have been written one topic after the other; a
+    # pulse comes before a sample of the same time.
+    before = np.searchsorted(force.received_ns, pulses.received_ns, side='left')
+    if any((np.diff(topic.received_ns) < 0).any() for topic in (pulses, force)):
+        before = np.searchsorted(force.place, pulses.place)
     number = pulses.number
     sequence = number['sequence'].astype(np.int64)
     # Components across the axis were not read.
@@ -316,7 +299,7 @@ def read_recording(
         ForceTrace(force.stamp_ns(), sign * newton, *force.frame_ids[:1]),
         pulses.received_ns,
         force.received_ns,
-        samples_before(pulses, force),
+        before,
         _facts(scan, schedules, {'pulses': pulses.frame_ids, 'force': force.frame_ids}),
         quantity,
     )

@@ -6,7 +6,6 @@ A recording is a folder with metadata.yaml, one without, or a file by itself.
 """
 
 import itertools
-import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -22,7 +21,6 @@ from rpms_ros.recording.rosbag.mcap_files import McapFile
 from rpms_ros.recording.rosbag.metadata import NAME as METADATA, read_metadata
 from rpms_ros.recording.rosbag.records import (
     ZSTD_MAGIC,
-    Batch,
     Budget,
     Channel,
     Findings,
@@ -153,8 +151,12 @@ class Scan:
 
     def _file(self, path: Path, progress: Progress | None) -> Iterator[tuple[Channel, Records]]:
         with self._opened(path) as file:
-            for batch in file.batches():
-                for number, records in self._placed(batch):
+            for topic, batch in file.batches():
+                place = np.arange(self._count, self._count + len(topic))
+                self._count += len(topic)
+                whole = replace(batch, place=place)
+                for number in np.unique(topic).tolist():
+                    records = whole.select(topic == number)
                     if number not in file.channels:
                         remark = f'messages of topic number {number} left out: {path.name} '
                         remark += 'does not describe it'
@@ -187,15 +189,6 @@ class Scan:
                 self.findings.add('truncated_file', f'{path.name} is cut off or damaged')
             yield reader(plain, self.findings, self.budget)
 
-    def _placed(self, batch: Batch) -> Iterator[tuple[int, Records]]:
-        """Yield the messages of each topic with its number, and count their places."""
-        topic, records = batch
-        place = np.arange(self._count, self._count + len(topic), dtype=np.int64)
-        self._count += len(topic)
-        whole = replace(records, place=place)
-        for number in np.unique(topic).tolist():
-            yield number, whole.select(topic == number)
-
 
 def _unpacked(records: Records, budget: Budget) -> Records:
     """Return messages that were packed one by one (`compression_mode: message`) as they were."""
@@ -225,9 +218,8 @@ def _found(path: Path, findings: Findings) -> tuple[list[Path], dict[str, Any]]:
         for one in itertools.filterfalse(_is_storage, listed):
             findings.add('missing_file', f'{one.name} is named in {METADATA} but not there')
         # Part 2 before part 10.
-        paths = [*filter(_is_storage, listed)] or sorted(
-            filter(_is_storage, path.iterdir()), key=_natural_order
-        )
+        found = sorted(path.iterdir(), key=lambda one: (len(one.name), one.name))
+        paths = [*filter(_is_storage, listed)] or [*filter(_is_storage, found)]
     elif paths:
         # Of the metadata beside a file only the notes, and only if they are its own.
         beside = read_metadata(path.with_name(METADATA), Findings())
@@ -240,11 +232,6 @@ def _found(path: Path, findings: Findings) -> tuple[list[Path], dict[str, Any]]:
             other = '; `rpms import` makes a recording of a table or of a file of other software'
         raise RecordingError(f'expected .mcap or .db3 files at {path}, got none{other}')
     return paths, metadata
-
-
-def _natural_order(path: Path) -> list[tuple[int, str]]:
-    parts = re.split(r'(\d+)', path.name)
-    return [(int(part), '') if part.isdigit() else (-1, part) for part in parts]
 
 
 def _is_storage(path: Path) -> bool:

@@ -117,9 +117,8 @@ class SqliteFile(StorageFile):
                     found = f'{name} cannot be read to its end: {error}'
                     self._findings.add('truncated_file', found)
         except (sqlite3.Error, TypeError, ValueError) as error:
-            raise RecordingError(
-                f'expected tables of rosbag2 in {self._path}, got {error}'
-            ) from error
+            fault = f'expected tables of rosbag2 in {self._path}, got {error}'
+            raise RecordingError(fault) from error
 
 
 def _tables(connection: sqlite3.Connection) -> set[str]:

@@ -285,17 +285,15 @@ class TopicReading:
         if len(fitting) == 1:
             return fitting[0]
         if fitting:
-            raise RecordingError(
-                f'expected one topic {self._name} in {scan.path}, got {", ".join(fitting)}'
-            )
+            fault = f'expected one topic {self._name} in {scan.path}, got {", ".join(fitting)}'
+            raise RecordingError(fault)
         others = ', '.join(f'{name} ({kind})' for name, kind in sorted(scan.topics)) or 'no topics'
         raise RecordingError(f'expected topic {self._name} in {scan.path}, got {others}')
 
     def _type(self, scan: Scan, topic: str) -> str:
         """Return the type with most messages among those that can be used."""
-        counts = {
-            kind: facts.count for (name, kind), facts in scan.topics.items() if name == topic
-        }
+        here = ((kind, facts) for (name, kind), facts in scan.topics.items() if name == topic)
+        counts = {kind: facts.count for kind, facts in here}
         usable = [kind for kind in counts if kind in self._types]
         if not usable:
             raise RecordingError(
@@ -306,9 +304,8 @@ class TopicReading:
             raise RecordingError(f'expected messages on topic {topic} in {scan.path}, got none')
         for kind, count in counts.items():
             if kind != chosen and count:
-                scan.findings.add(
-                    'other_type', f'{count} messages of {kind} on {topic} left out', count
-                )
+                left = f'{count} messages of {kind} on {topic} left out'
+                scan.findings.add('other_type', left, count)
         return chosen
 
 
@@ -320,9 +317,8 @@ def _joined(topic: str, type_name: str, candidate: _Candidate, scan: Scan) -> To
     if bad := int(np.count_nonzero(~good)):
         scan.findings.add('undecodable_message', f'{bad} messages on {topic} left out', bad)
     if any(decoder.differs for decoder in candidate.decoders.values()):
-        scan.findings.add(
-            'other_definition', f'{topic}: {type_name} is defined in another way than here'
-        )
+        other = f'{topic}: {type_name} is defined in another way than here'
+        scan.findings.add('other_definition', other)
     frame_ids = sorted(set().union(*(block.strings for block in columns)))
     if len(frame_ids) > 1:
         names = ', '.join(map(repr, frame_ids))

@@ -97,11 +97,8 @@ def verify(
         recording = read_recording(path, topics, memory=memory)
     except RecordingError as error:
         return [*findings, Finding('session', FAULT, printable(str(error)))]
-    findings += [
-        Finding('session', FAULT, text)
-        for text in recording.facts.remarks
-        if text not in facts.remarks
-    ]
+    new = (text for text in recording.facts.remarks if text not in facts.remarks)
+    findings += [Finding('session', FAULT, text) for text in new]
     apart = no_overlap(recording.pulses.onset_ns, recording.forces.stamp_ns)
     findings += [] if apart is None else [Finding('clock', FAULT, apart)]
     if audit is not None:

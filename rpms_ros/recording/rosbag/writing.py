@@ -86,11 +86,6 @@ def _encode(
     return Records(np.frombuffer(rows, np.uint8), end - rows.itemsize, end, stamp_ns)
 
 
-_COMPRESSIONS = {
-    '': CompressionType.NONE,
-    'lz4': CompressionType.LZ4,
-    'zstd': CompressionType.ZSTD,
-}
 _CHUNK_SIZE = 1 << 20
 _NO_TIME = 2**63 - 1
 PULSES_TOPIC = '/pulses'
@@ -149,7 +144,7 @@ class RecordingWriter:
         # Entries of metadata.yaml.
         self._topics: dict[int, dict[str, Any]] = {}
         self._span_ns: tuple[int, int] | None = None
-        if compression not in _COMPRESSIONS:
+        if compression not in ('', 'lz4', 'zstd'):
             raise RecordingError(f'expected compression lz4 or zstd, got {compression!r}')
         if os.path.lexists(self.path):
             raise RecordingError(f'expected a new folder for the recording, got {path}')
@@ -160,7 +155,7 @@ class RecordingWriter:
             self._writer = Writer(
                 cast(IO[Any], self._file),
                 chunk_size=_CHUNK_SIZE,
-                compression=_COMPRESSIONS[compression],
+                compression=CompressionType[compression.upper() or 'NONE'],
                 enable_data_crcs=True,
             )
             self._writer.start('ros2', 'rpms_ros')
