@@ -107,8 +107,8 @@ def unit_of(name: str) -> str:
 
 
 TIME_UNITS = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'min': 60.0}
-FORCE_UNITS = {'N': 1.0, 'mN': 1e-3, 'kN': 1e3}
-FORCE_UNITS |= {'g': 9.80665e-3, 'kg': 9.80665, 'lbf': 4.4482216152605}
+_POUND = 4.4482216152605
+FORCE_UNITS = {'N': 1.0, 'mN': 1e-3, 'kN': 1e3, 'g': 9.80665e-3, 'kg': 9.80665, 'lbf': _POUND}
 """Newtons of each unit; grams are the weight of so much mass."""
 TORQUE_UNITS = {'Nm': 1.0, 'mNm': 1e-3, 'kNm': 1e3, 'kgm': 9.80665, 'ft-lbf': 1.3558179483314004}
 """Newton metres of each unit of a dynamometer's torque."""
