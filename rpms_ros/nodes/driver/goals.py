@@ -30,9 +30,9 @@ from rpms_ros.stimulation.driver.safety_monitor import (
     HEARTBEAT,
     SUPERVISOR,
     SUSPEND,
-    Refused,
 )
 from rpms_ros.stimulation.driver.states import Run, State
+from rpms_ros.stimulation.limits.limits import Refused
 
 CODES = RunSchedule.Result
 WATCH = 'watch'

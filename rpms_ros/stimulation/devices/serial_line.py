@@ -126,16 +126,10 @@ class GuardedLine:
         A serial port; a guard is started for it.
     limits : GuardLimits
         What the guard that is started holds this driver to.
-    clock : callable
-        Monotonic time [ns].
     """
 
-    def __init__(
-        self, port: str, limits: GuardLimits, clock: Callable[[], int] = time.monotonic_ns
-    ) -> None:
-        self.port = port
-        self.limits = limits
-        self._clock = clock
+    def __init__(self, port: str, limits: GuardLimits) -> None:
+        self.port, self.limits = port, limits
         self._guard: subprocess.Popen[bytes] | None = None
         self._line: Descriptor | None = None
         self._socket: Descriptor | None = None
@@ -191,8 +185,7 @@ class GuardedLine:
         DeviceError
             If the line does not become quiet.
         """
-        sequence = self._send(packets.LISTEN)
-        self._answer_to(sequence, _LISTEN_S, 'a quiet line')
+        self._answer_to(self._send(packets.LISTEN), _LISTEN_S, 'a quiet line')
 
     def beat(self) -> None:
         """Tell the guard that this driver is alive, and look whether the guard is.
@@ -204,7 +197,7 @@ class GuardedLine:
         """
         if self._socket is None:
             return
-        now = self._clock()
+        now = time.monotonic_ns()
         if now - self._beat_ns < _BEAT_INTERVAL_NS:
             return
         self._beat_ns = now
@@ -214,7 +207,8 @@ class GuardedLine:
         while (packet := self._received(0.0)) is not None:
             self._note(packet)
         limit_s = self.limits.beat_limit_s
-        if self._unheard_ns is not None and self._clock() - self._unheard_ns > limit_s * _SECOND:
+        unheard_ns = self._unheard_ns
+        if unheard_ns is not None and time.monotonic_ns() - unheard_ns > limit_s * _SECOND:
             self._fail(f'expected a sign of life of the guard within {limit_s:g} s, got none')
 
     def silence(self) -> bool:
@@ -298,10 +292,9 @@ class GuardedLine:
         return self._sequence
 
     def _answer_to(self, sequence: int, limit_s: float, what: str) -> Packet:
-        end = self._clock() + nanoseconds(limit_s)
+        end = time.monotonic() + limit_s
         while True:
-            left_s = (end - self._clock()) / _SECOND
-            packet = self._received(max(0.0, left_s))
+            packet = self._received(max(0.0, end - time.monotonic()))
             if packet is None:
                 self._fail(f'expected {what} within {limit_s:g} s, got none')
             # whatever comes from it is a sign of life
@@ -378,7 +371,7 @@ class SerialDevice:
         beat_limit_s: float = 0.25,
     ) -> None:
         bound = round(_STEPS * quantized_down(maximum_intensity, _STEPS))
-        self._line = GuardedLine(port, GuardLimits(bound, beat_limit_s, timeout_s), clock)
+        self._line = GuardedLine(port, GuardLimits(bound, beat_limit_s, timeout_s))
         self._clock = clock
         self._parameters_length: int | None = None
         # percent that was asked for
@@ -442,8 +435,7 @@ class SerialDevice:
         if self._is_silenced:
             return None
         end = self._clock() + round(min(spare_s, _FOREVER_S) * _SECOND)
-        percent = round(_STEPS * self.quantized(intensity))
-        status = self._set_percent(percent)
+        status = self._set_percent(round(_STEPS * self.quantized(intensity)))
         over = self._clock() + _exchange_s(rapid2.TEMPERATURE_LENGTH) * _SECOND
         fits = self._temperature_is_due and over <= end
         temperature = self._read_temperature() if fits else None

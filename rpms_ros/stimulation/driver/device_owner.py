@@ -22,12 +22,12 @@ from contextlib import contextmanager
 from typing import Any, NamedTuple, TypeVar
 
 from rpms_ros.errors import StimulationError
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND, nanoseconds
+from rpms_ros.pulses import nanoseconds
 from rpms_ros.stimulation.devices.registry import Device, DeviceError, DeviceStatus, TooLate
-from rpms_ros.stimulation.driver.safety_monitor import SUPERVISOR, Halt, Refused, SafetyMonitor
+from rpms_ros.stimulation.driver.safety_monitor import SUPERVISOR, Halt, SafetyMonitor
 from rpms_ros.stimulation.driver.states import POSSIBLE, Command, DriverSettings, State, after
 from rpms_ros.stimulation.limits.coil_temperature import CoilTemperature
-from rpms_ros.stimulation.limits.limits import Limits
+from rpms_ros.stimulation.limits.limits import Limits, Refused
 
 Result = TypeVar('Result')
 
@@ -139,8 +139,7 @@ class Deadlines:
     """
 
     def __init__(self, clock: Callable[[], int], held_up_ns: int) -> None:
-        self._clock = clock
-        self._held_up_ns = held_up_ns
+        self._clock, self._held_up_ns = clock, held_up_ns
         self._now: Deadline | None = None
         # when the supervisor looked last, and the deadline that it has looked past once
         self._looked_ns = clock()
@@ -155,8 +154,7 @@ class Deadlines:
             yield
         finally:
             if outer is not None:
-                until_ns = self._clock() + nanoseconds(outer.limit_s)
-                outer = outer._replace(until_ns=until_ns)
+                outer = outer._replace(until_ns=self._clock() + nanoseconds(outer.limit_s))
             self._now = outer
 
     def missed(self, now_ns: int) -> Deadline | None:
@@ -316,10 +314,9 @@ class DeviceOwner(SafetyMonitor):
         if self.state not in POSSIBLE:
             return
         problem = self.interlocks.problem(now, self._armed_ns)
-        idle_s = (now - self._active_ns) / NANOSECONDS_PER_SECOND
         if problem is not None:
             self.stop(*problem)
-        elif idle_s > self.limits.idle_disarm_s:
+        elif now - self._active_ns > nanoseconds(self.limits.idle_disarm_s):
             self.count('idle')
             self.disarm(f'idle: no pulse for {self.limits.idle_disarm_s:g} s while armed')
 
@@ -359,8 +356,7 @@ class DeviceOwner(SafetyMonitor):
         self.interlocks.awake()
         self._refuse_if_open()
         since, limit_s = self._epoch, self.device.arm_s + self.settings.stuck_limit_s
-        status = self._call('arm', since, self.device.arm, limit_s=limit_s)
-        self._heed(status, since, 0.0)
+        self._heed(self._call('arm', since, self.device.arm, limit_s=limit_s), since, 0.0)
         self._armed_ns = self._active_ns = self._answered_ns = self._clock()
         self._set_intensity = 0.0
         if not self._enter(Command.ARM, 'armed', since):

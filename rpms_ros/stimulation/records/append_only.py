@@ -187,8 +187,7 @@ def _explains(found: Mapping[str, Any] | None, cut: bytes) -> bool:
 
 def utc(wall_ns: int) -> str:
     """Return a time of the wall clock [ns] as text, to the microsecond."""
-    since = timedelta(microseconds=wall_ns // 1000)
-    moment = datetime(1970, 1, 1, tzinfo=UTC) + since
+    moment = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=wall_ns // 1000)
     return moment.isoformat(timespec='microseconds').replace('+00:00', 'Z')
 
 
@@ -235,8 +234,7 @@ class ChainedFile:
         read: Callable[[Record], object] = bool,
         begin: Mapping[str, Any] | None = None,
     ) -> None:
-        self.path = path
-        self.torn = b''
+        self.path, self.torn = path, b''
         self._clocks = clocks if clocks is not None else Clocks()
         self._boot_id = self._clocks.boot_id()
         self._lock = threading.Lock()
@@ -250,8 +248,7 @@ class ChainedFile:
             self._size = os.fstat(self._file).st_size
             self._mend(chain, read)
             if self._count == 0:
-                first = {'purpose': purpose, **(begin or {}), **explanation(self.torn)}
-                self.append(BEGIN, first)
+                self.append(BEGIN, {'purpose': purpose, **(begin or {}), **explanation(self.torn)})
                 _sync_folder(path.parent)
             elif self.torn:
                 self.append(TORN, explanation(self.torn))
@@ -397,11 +394,6 @@ class Audit:
     line: int
     torn: int
     hash: str
-
-    @property
-    def intact(self) -> bool:
-        """Whether every record fits."""
-        return not self.fault
 
 
 def verify_log(path: Path, purpose: str | None = AUDIT_LOG) -> Audit:

@@ -45,8 +45,7 @@ def slept_ns() -> int:
 
     A thread that waits between the two readings makes it smaller, never larger.
     """
-    boot_ns = _since_boot_ns()
-    return boot_ns - time.monotonic_ns()
+    return _since_boot_ns() - time.monotonic_ns()
 
 
 @dataclass(frozen=True)

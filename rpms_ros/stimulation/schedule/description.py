@@ -129,8 +129,7 @@ def schedule_from_mapping(content: object) -> Schedule:
     """
     document = as_mapping(content, '')
     refuse_unknown(document, ['name', 'segments', *bounded_names(Schedule)], '')
-    named = {'name': 'schedule', **document}
-    name = read_text(named, 'name', '', LONGEST_NAME)
+    name = read_text({'name': 'schedule', **document}, 'name', '', LONGEST_NAME)
     segments = _segments(document.get('segments'), 'segments', 0)
     return build(Schedule, document, '', segments, name=name)
 

@@ -84,10 +84,7 @@ REST = Pause(1.0)
 
 
 def twitches(
-    intensities: tuple[float, ...] = TWITCH_INTENSITIES,
-    repetitions: int = 10,
-    interval_s: float = 1.0,
-    seed: int = 0,
+    intensities: tuple[float, ...] = TWITCH_INTENSITIES, repetitions: int = 10, seed: int = 0
 ) -> Schedule:
     """Return single pulses at several intensities, in an order that does not follow fatigue.
 
@@ -97,8 +94,6 @@ def twitches(
         Shares of the maximum.
     repetitions : int
         Pulses at each intensity.
-    interval_s : float
-        Time from one pulse to the next [s]; a twitch takes half a second to die away.
     seed : int
         Of the order.
 
@@ -111,11 +106,9 @@ def twitches(
         raise StimulationError(
             f'expected intensities and repetitions, got {len(intensities)} and {repetitions}'
         )
-    if interval_s < 0.5:
-        raise StimulationError(f'expected an interval of at least 0.5 s, got {interval_s}')
     check_seed(seed, StimulationError)
     order = np.random.default_rng(seed).permutation(np.repeat(intensities, repetitions))
-    pulses: list[Segment] = [Single(float(level), interval_s) for level in order]
+    pulses: list[Segment] = [Single(float(level)) for level in order]
     return Schedule((REST, *pulses), name='twitches', seed=seed)
 
 
