@@ -77,8 +77,7 @@ class Topic:
     """
 
     def __init__(self, name: str, type_name: str, longest_silence: float) -> None:
-        self.name = name
-        self.type_name = type_name
+        self.name, self.type_name = name, type_name
         self.count = 0
         self.refused = ''
         self._longest_silence = longest_silence

@@ -311,9 +311,7 @@ class LiveSession:
         self._own = re.compile(rf'(?<!\w){re.escape(own)}(?![\w/])')
         self._first_curve_s = first_curve_s
         self._began: float | None = None
-        self.unit = unit
-        self.topics = topics
-        self.can_stop = can_stop
+        self.unit, self.topics, self.can_stop = unit, topics, can_stop
         self.bins = ForceBins()
         self.state = ''
         self._ready = -1
@@ -331,11 +329,6 @@ class LiveSession:
         self._changes = 0
         self.stop(False, '')
 
-    @property
-    def stopped(self) -> bool:
-        """Whether the newest state of the driver is that a stop is latched."""
-        return self.state == STOPPED
-
     def confirms_stop(self, now: float) -> bool:
         """Return whether a driver that is heard at `now` [s], a steady clock, has stopped.
 
@@ -343,7 +336,7 @@ class LiveSession:
         say anything.
         """
         driver = self.topics[DRIVER]
-        return self.stopped and not driver.refused and driver.state(now) == OK
+        return self.state == STOPPED and not driver.refused and driver.state(now) == OK
 
     def force(self, stamp_ns: IntArray, force: FloatArray) -> None:
         """Take force samples [ns], [N], each (n,)."""

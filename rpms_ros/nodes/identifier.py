@@ -300,11 +300,7 @@ class Identifier(NodeOfParts):
         self._force = Ear(self, self._hearing, WrenchStamped, topics.FORCE, qos.FORCE)
         self._sensor_frame = ''
         self._senders = Publishers(self)
-        for name, act in {
-            'reset': self._reset,
-            'hold': self._hold,
-            'resume': self._resume,
-        }.items():
+        for name, act in (('reset', self._reset), ('hold', self._hold), ('resume', self._resume)):
             self.create_service(Trigger, f'~/{name}', self._answering(act))
         every(self, _LOOK_PERIOD, self._process)
         every(self, PERIOD_S, self._report)

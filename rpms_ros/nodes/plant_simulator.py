@@ -110,19 +110,18 @@ class PlantSimulator(NodeOfParts):
         super().__init__('plant_simulator', **options)
 
     def _build(self) -> None:
-        self.settings = declare_parameters(self, PlantParameters)
-        _warm_up(self.settings)
-        self.plant = build_plant(self.settings)
+        self.settings = settings = declare_parameters(self, PlantParameters)
+        _warm_up(settings)
+        self.plant = build_plant(settings)
         self._begun = False
-        quantity = self.settings.quantity
-        self._sensor = messages.AXES[self.settings.axis], MESSAGE_TYPES, _FRAME, quantity
+        quantity = settings.quantity
+        self._sensor = messages.AXES[settings.axis], MESSAGE_TYPES, _FRAME, quantity
         self._force = self.create_publisher(WrenchStamped, topics.FORCE, qos.FORCE)
         self._truth = self.create_publisher(MuscleTruth, topics.TRUTH, qos.TRUTH)
         self._next_truth_ns = 0
         self.create_subscription(PulseMessage, topics.PULSES, self._on_pulse, qos.PULSES)
-        self._delay_ns = nanoseconds(self.settings.publication_delay)
-        every(self, 1.0 / min(self.settings.rate, _FASTEST_TICK), self._tick)
-        settings = self.settings
+        self._delay_ns = nanoseconds(settings.publication_delay)
+        every(self, 1.0 / min(settings.rate, _FASTEST_TICK), self._tick)
         measured = f'{quantity} [{UNITS[quantity]}] along {settings.axis}'
         logger_of(self).info(
             f'simulating subject {settings.subject}: {measured} at {settings.rate:g} Hz'

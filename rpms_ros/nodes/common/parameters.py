@@ -131,22 +131,17 @@ def _require(name: str, value: Any, expected: Parameter.Type, description: Descr
     got = Parameter.Type.from_parameter_value(list(value) if isinstance(value, tuple) else value)
     if got is not expected:
         names = [kind.name.lower().replace('_', ' ') for kind in (expected, got)]
-        hint = _hint(expected, got, value)
+        # ROS has read it as another type than it was meant
+        hint, types = '', Parameter.Type
+        if (expected, got) == (types.DOUBLE, types.INTEGER):
+            hint = f' (write {value}.0)'
+        elif expected is types.STRING and got in (types.BOOL, types.INTEGER, types.DOUBLE):
+            hint = ' (put it in quotes)'
         raise NodeError(f'parameter {name}: expected {names[0]}, got {names[1]} {value}{hint}')
     for item in value if isinstance(value, list | tuple) else (value,):
         if not _within(item, description):
             conditions = description.conditions() or 'finite'
             raise NodeError(f'parameter {name}: expected {conditions}, got {item!r}')
-
-
-def _hint(expected: Parameter.Type, got: Parameter.Type, value: Any) -> str:
-    """Return how to write a value that ROS has read as another type than it was meant."""
-    if (expected, got) == (Parameter.Type.DOUBLE, Parameter.Type.INTEGER):
-        return f' (write {value}.0)'
-    read_otherwise = (Parameter.Type.BOOL, Parameter.Type.INTEGER, Parameter.Type.DOUBLE)
-    if expected is Parameter.Type.STRING and got in read_otherwise:
-        return ' (put it in quotes)'
-    return ''
 
 
 def _within(item: Any, description: Description) -> bool:
