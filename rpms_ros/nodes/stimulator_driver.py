@@ -178,8 +178,7 @@ class StimulatorDriver(LifecycleNode):
         if not self._try(self._make_ready):
             return TransitionCallbackReturn.FAILURE
         self._active = True
-        who = self.authority.operator or 'nobody in particular'
-        self._reports.say(f'armed by {who}')
+        self._reports.say(f'armed by {self.authority.operator or "nobody in particular"}')
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:

@@ -6,7 +6,7 @@ A field made by `parameter` carries default, description, unit and bounds::
 
     @dataclass(frozen=True)
     class PlantParameters(NodeParameters):
-        rate: float = parameter(1e3, 'Samples a second.', unit='Hz', minimum=1.0, maximum=2e4)
+        rate: float = parameter(1e3, 'Samples a second.', unit='Hz', bounds=(1.0, 2e4))
 
         def __post_init__(self) -> None:
             super().__post_init__()
@@ -57,10 +57,8 @@ class Description:
         One sentence.
     unit : str
         Unit, empty for a share, a count or a name.
-    minimum : float or None
-        Inclusive bound, of every element if the field is a tuple.
-    maximum : float
-        Inclusive bound; counts only with a minimum.
+    bounds : tuple of float or None
+        Least and largest value, of every element if the field is a tuple.
     choices : tuple of str
         Every string that is allowed; empty allows any.
     dynamic : bool
@@ -71,8 +69,7 @@ class Description:
 
     doc: str
     unit: str = ''
-    minimum: float | None = None
-    maximum: float = math.inf
+    bounds: tuple[float, float] | None = None
     choices: tuple[str, ...] = ()
     dynamic: bool = False
     true_is: str = ''
@@ -80,21 +77,19 @@ class Description:
     def conditions(self) -> str:
         """Return unit, bounds and choices in words."""
         parts = [f'[{self.unit}]'] if self.unit else []
-        if self.minimum is not None:
-            parts.append(f'{self.minimum} to {self.maximum}')
+        if self.bounds is not None:
+            parts.append('{} to {}'.format(*self.bounds))
         if self.choices:
             parts.append('one of ' + ', '.join(self.choices))
         return ' '.join(parts)
 
 
-def parameter(default: Any, doc: str, **description: Any) -> Any:
+def parameter(default: Any, doc: str, **more: Any) -> Any:
     """Return a dataclass field that is a ROS parameter; keywords are those of `Description`.
 
     A tuple may be empty if it is so by default.
     """
-    return dataclasses.field(
-        default=default, metadata={_METADATA: Description(doc, **description)}
-    )
+    return dataclasses.field(default=default, metadata={_METADATA: Description(doc, **more)})
 
 
 @dataclass(frozen=True)
@@ -149,7 +144,7 @@ def _within(item: Any, description: Description) -> bool:
         return not description.choices or item in description.choices
     if isinstance(item, float) and not math.isfinite(item):
         return False
-    return description.minimum is None or description.minimum <= item <= description.maximum
+    return description.bounds is None or description.bounds[0] <= item <= description.bounds[1]
 
 
 def declare_parameters(
@@ -234,11 +229,7 @@ def follow_parameters(
     latest = current
 
     def changed(parameters: list[Parameter]) -> Settings:
-        values = {
-            given.name: tuple(given.value) if isinstance(given.value, list) else given.value
-            for given in parameters
-            if given.name in known
-        }
+        values = {given.name: given.value for given in parameters if given.name in known}
         return dataclasses.replace(latest, **values)
 
     def check(parameters: list[Parameter]) -> SetParametersResult:

@@ -259,13 +259,11 @@ class DriverReports:
         self._node = node
         self._controller, self._buttons = controller, buttons
         self._authority, self._device = authority, device
-        self._accepted = node.create_publisher(
-            AcceptedSchedule, topics.ACCEPTED_SCHEDULE, qos.ACCEPTED_SCHEDULE
-        )
+        accepted = topics.ACCEPTED_SCHEDULE, qos.ACCEPTED_SCHEDULE
+        self._accepted = node.create_publisher(AcceptedSchedule, *accepted)
         self._audit = audit
         self._status = node.create_publisher(DriverStatus, topics.DRIVER_STATUS, qos.STATUS)
-        name = node.get_fully_qualified_name()
-        hardware = f'{device} {name}' if device == SIMULATED else device
+        hardware = f'{device} {node.get_fully_qualified_name()}' if device == SIMULATED else device
         self._diagnostics = DiagnosticsPublisher(node, 'stimulator', hardware)
         # pulses so far, and when the newest was
         self._dropped, self._dropped_ns = 0, -_SHOWN_NS
