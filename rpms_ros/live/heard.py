@@ -120,7 +120,6 @@ class Topic:
         """Return what the page shows."""
         return {
             'name': text(self.name),
-            'type': self.type_name,
             'state': self.state(now),
             'count': self.count,
             'refused': bool(self.refused),
