@@ -86,12 +86,11 @@ def write_silence(descriptor: int, raw: bytes) -> None:
     while True:
         try:
             write(descriptor, raw)
+            return
         except LineBusy:
             if time.monotonic() > end:
                 raise
             time.sleep(_PAUSE_S)
-        else:
-            return
 
 
 def write(descriptor: int, raw: bytes) -> None:
@@ -245,9 +244,8 @@ class Guard:
     def run(self) -> str:
         """Serve until the end; return why it ended, with the instrument disarmed."""
         poll = select.poll()
-        poll.register(self.line.descriptor, select.POLLIN)
-        poll.register(self._driver, select.POLLIN)
-        poll.register(self._wakeup, select.POLLIN)
+        for descriptor in (self.line.descriptor, self._driver, self._wakeup):
+            poll.register(descriptor, select.POLLIN)
         try:
             while not self.ended or self._attempts:
                 ready = {descriptor for descriptor, _ in poll.poll(self._pause_ms())}
@@ -326,12 +324,10 @@ class Guard:
                 raise DriverGone(str(error)) from error
         return received
 
-    def _tell(
-        self, kind: bytes, payload: bytes = b'', sequence: int = 0, time_ns: int = 0
-    ) -> None:
+    def _tell(self, kind: bytes, data: bytes = b'', sequence: int = 0, time_ns: int = 0) -> None:
         """Send a packet; one that cannot be sent is dropped."""
         with contextlib.suppress(OSError):
-            os.write(self._driver, packets.packed(Packet(kind, sequence, time_ns, payload)))
+            os.write(self._driver, packets.packed(Packet(kind, sequence, time_ns, data)))
 
     def _obey(self, received: list[Packet]) -> None:
         if received:

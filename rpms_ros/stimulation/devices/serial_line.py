@@ -51,8 +51,6 @@ _FOREVER_S = 1e6
 _STEPS = 100
 # Published: about 1 s to charge.
 _CHARGE_S = 3.0
-# Published: 10 ms for every percent upwards.
-_FROM_ZERO_S = 1.0
 # The time that instrument and processes take over an exchange besides the line's.
 _TURNAROUND_S = 0.003
 _TEMPERATURE_INTERVAL_NS = 2 * _SECOND
@@ -357,8 +355,8 @@ class SerialDevice:
     sets_width = False
     # to charge, and to begin with a quiet line
     arm_s = _CHARGE_S + 1.0
-    # from zero to the largest intensity
-    prepare_s = _FROM_ZERO_S
+    # from zero to the largest intensity; published: 10 ms for every percent upwards
+    prepare_s = 1.0
     # the frame of a trigger on the line
     trigger_s = wire_s(_FRAME_LENGTH)
 
@@ -580,14 +578,9 @@ class SerialDevice:
             )
 
     def _status_of(self, status: int, temperature: float | None = None) -> DeviceStatus:
-        return DeviceStatus(
-            armed=bool(status & _ABLE),
-            ready=bool(status & rapid2.READY),
-            coil_present=bool(status & rapid2.COIL_PRESENT),
-            replace_coil=bool(status & rapid2.REPLACE_COIL),
-            error=bool(status & rapid2.ERROR),
-            temperature=temperature,
-        )
+        bits = _ABLE, rapid2.READY, rapid2.COIL_PRESENT, rapid2.REPLACE_COIL, rapid2.ERROR
+        said = DeviceStatus(*(bool(status & bit) for bit in bits))
+        return said._replace(temperature=temperature)
 
 
 def _exchange_s(answer_length: int) -> float:

@@ -228,9 +228,8 @@ class StimulationController(DeviceOwner):
             self._reservations = None
 
     def _first_onset_ns(self) -> int:
-        return self._clock() + nanoseconds(
-            self.settings.lead_s + self.device.prepare_s + self.device.trigger_s
-        )
+        settings, device = self.settings, self.device
+        return self._clock() + nanoseconds(settings.lead_s + device.prepare_s + device.trigger_s)
 
     def _begin(self, run: Run, reservations: Reservations) -> None:
         """Begin a run that was checked; done by the owner."""
@@ -262,8 +261,7 @@ class StimulationController(DeviceOwner):
                 )
         intensity = self.device.quantized(schedule.plan.intensity)
         plan = dataclasses.replace(schedule.plan, intensity=intensity)
-        energy_j = self.limits.pulse_energy_j * float(np.sum(intensity**2))
-        self.ledger.check(len(plan), energy_j)
+        self.ledger.check(len(plan), self.limits.pulse_energy_j * float(np.sum(intensity**2)))
         for trial in trials:
             for index, (limit, reason) in trial.refusals(plan, schedule.width_s, start_ns):
                 onset_ns = plan.onset_ns[index] if index < len(plan) else plan.duration_ns

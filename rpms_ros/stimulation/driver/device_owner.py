@@ -193,14 +193,12 @@ def intensity_fault(given: float | None, expected: float | None, tolerance: floa
     return f'expected intensity {expected:.3g} from the device, got {given:.3g}'
 
 
-def fault_of(
-    status: DeviceStatus, expected: float | None, tolerance: float
-) -> tuple[str, str] | None:
+def fault_of(status: DeviceStatus, told: float | None, tolerance: float) -> tuple[str, str] | None:
     """Return name and reason of why an armed device must not fire, None if nothing is wrong.
 
     Whether it is charged is asked right before a pulse: after the one before it takes its time.
     """
-    wrong = intensity_fault(status.intensity, expected, tolerance)
+    wrong = intensity_fault(status.intensity, told, tolerance)
     if status.coil_present is False:
         return 'coil', 'expected a coil, got none'
     if status.replace_coil:
@@ -457,9 +455,7 @@ class DeviceOwner(SafetyMonitor):
             self.coil.measured(self._felt_ns, status.temperature)
         self.temperature(status.temperature)
 
-    def _heed(
-        self, status: DeviceStatus | None, since: object, expected: float | None = None
-    ) -> None:
+    def _heed(self, status: DeviceStatus | None, since: object, told: float | None = None) -> None:
         """Take the status of a device into account.
 
         Parameters
@@ -468,7 +464,7 @@ class DeviceOwner(SafetyMonitor):
             What it says.
         since : object
             The epoch in which it was asked: one that was silenced since says that it is disarmed.
-        expected : float, optional
+        told : float, optional
             The intensity that was set (share).
 
         Raises
@@ -480,7 +476,7 @@ class DeviceOwner(SafetyMonitor):
             return
         self._charged = status.ready
         self._feel(status)
-        fault = fault_of(status, expected, self.settings.intensity_tolerance)
+        fault = fault_of(status, told, self.settings.intensity_tolerance)
         if fault is not None:
             self.fail(*fault)
             raise DeviceError(fault[1])

@@ -123,11 +123,9 @@ def _over_dose(plan: Plan, limits: Limits, dose: DoseLimits) -> Iterator[Violati
     ):
         over = total > most
         if over.any():
-            reason = (
-                f'expected at most {most:g} {unit} in {dose.window_h:g} h, got {total[-1]:.6g}'
-            )
+            why = f'expected at most {most:g} {unit} in {dose.window_h:g} h, got {total[-1]:.6g}'
             time_s = float(plan.onset_ns[over.argmax()]) / NANOSECONDS_PER_SECOND
-            yield Violation(limit, reason, time_s, int(over.sum()))
+            yield Violation(limit, why, time_s, int(over.sum()))
 
 
 class Trial:
@@ -139,7 +137,7 @@ class Trial:
         What was fired before.
     coil : CoilTemperature or None
         The coil as warm as it is.
-    active_ns : int
+    since_ns : int
         When the device was armed, or fired last, on the clock of both [ns].
 
     Attributes
@@ -152,10 +150,8 @@ class Trial:
         Coil temperature after each pulse [Celsius]; empty without thermal figures.
     """
 
-    def __init__(
-        self, limiter: PulseLimiter, coil: CoilTemperature | None, active_ns: int
-    ) -> None:
-        self._limiter, self._coil, self._active_ns = limiter.copied(), copy(coil), active_ns
+    def __init__(self, limiter: PulseLimiter, coil: CoilTemperature | None, since_ns: int) -> None:
+        self._limiter, self._coil, self._active_ns = limiter.copied(), copy(coil), since_ns
         self.limits = limiter.limits
         # a plan has no jitter
         self._limiter.tolerance_ns = 0

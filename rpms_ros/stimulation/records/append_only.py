@@ -138,10 +138,8 @@ class Chain:
         self.hash = content['hash']
         return content
 
-    def _fault(self, line: int, expected: str) -> ChainError:
-        return ChainError(
-            self.path, line, f'{expected}, got a line that is not record {self.count}'
-        )
+    def _fault(self, line: int, said: str) -> ChainError:
+        return ChainError(self.path, line, f'{said}, got a line that is not record {self.count}')
 
 
 def encoded(content: Mapping[str, Any], previous: str) -> tuple[bytes, str]:
@@ -153,12 +151,10 @@ def encoded(content: Mapping[str, Any], previous: str) -> tuple[bytes, str]:
         If the content cannot be written as JSON.
     """
     try:
-        text = json.dumps(
-            {**content, 'previous': previous}, separators=(',', ':'), allow_nan=False
-        )
+        raw = json.dumps({**content, 'previous': previous}, separators=(',', ':'), allow_nan=False)
     except (TypeError, ValueError, RecursionError) as fault:
         raise StimulationError(f'expected a record that JSON can hold, got {fault}') from fault
-    body = text.encode('ascii')
+    body = raw.encode('ascii')
     digest = hashlib.sha256(body).hexdigest()
     return body[:-1] + f',"hash":"{digest}"}}\n'.encode('ascii'), digest
 
@@ -168,8 +164,7 @@ def decoded(line: bytes, previous: str) -> dict[str, Any] | None:
     tail = _TAIL.search(line)
     if tail is None or tail[1].decode('ascii') != previous:
         return None
-    body = line[: tail.end(1) + 1] + b'}'
-    if hashlib.sha256(body).hexdigest() != tail[2].decode('ascii'):
+    if hashlib.sha256(line[: tail.end(1) + 1] + b'}').hexdigest() != tail[2].decode('ascii'):
         return None
     try:
         content = json.loads(line)

@@ -178,8 +178,7 @@ def _segments(content: object, place: str, depth: int) -> tuple[Segment | Repeat
 
 def _segment(content: object, place: str, depth: int) -> Segment | Repeat:
     mapping = as_mapping(content, place)
-    kind = mapping.get('kind')
-    if kind == 'repeat':
+    if mapping.get('kind') == 'repeat':
         refuse_unknown(mapping, ['kind', 'segments', 'times'], place)
         inner = _segments(mapping.get('segments'), join(place, 'segments'), depth + 1)
         return build(Repeat, mapping, place, inner)

@@ -119,13 +119,11 @@ class Bounded:
                 object.__setattr__(self, entry.name, value)
 
 
-def as_mapping(content: object, place: str) -> Mapping[str, object]:
-    """Return ``content`` if it is a mapping with text keys."""
-    if not isinstance(content, Mapping) or not all(isinstance(key, str) for key in content):
-        raise DescriptionError(
-            place, f'expected a mapping of names to values, got {shown(content)}'
-        )
-    return content
+def as_mapping(given: object, place: str) -> Mapping[str, object]:
+    """Return ``given`` if it is a mapping with text keys."""
+    if not isinstance(given, Mapping) or not all(isinstance(key, str) for key in given):
+        raise DescriptionError(place, f'expected a mapping of names to values, got {shown(given)}')
+    return given
 
 
 def refuse_unknown(content: Mapping[str, object], known: list[str], place: str) -> None:

@@ -46,9 +46,7 @@ def paper_sinusoid(
 
     The paper has no catch pulses among it; see `Gradual`.
     """
-    segment = Sinusoid(
-        rate_hz=rate_hz, duration_s=duration_s, period_s=period_s, catch_share=catch_share
-    )
+    segment = Sinusoid(rate_hz, duration_s, period_s=period_s, catch_share=catch_share)
     return Schedule((segment,), name=Sinusoid.kind, seed=seed)
 
 
@@ -61,9 +59,7 @@ def staircase(
 ) -> Schedule:
     """Return levels of ``step_s`` seconds each, one after another."""
     length = step_s * max(1, len(levels))
-    segment = Staircase(
-        rate_hz=rate_hz, duration_s=length, levels=tuple(levels), catch_share=catch_share
-    )
+    segment = Staircase(rate_hz, length, levels=tuple(levels), catch_share=catch_share)
     return Schedule((segment,), name=Staircase.kind, seed=seed)
 
 
@@ -168,6 +164,5 @@ def recruitment(
 def muscle(seed: int = 0) -> Schedule:
     """Return twitches, trains and staircases, one after another: the whole of Sec. 2."""
     parts = (twitches(seed=seed), trains(), recruitment())
-    return Schedule(
-        tuple(segment for part in parts for segment in part.segments), name='muscle', seed=seed
-    )
+    segments = tuple(segment for part in parts for segment in part.segments)
+    return Schedule(segments, name='muscle', seed=seed)
