@@ -105,8 +105,6 @@ def clock_offset_ns() -> int:
         before, now = time.monotonic_ns(), time.time_ns()
         width = time.monotonic_ns() - before
         readings.append((width, now - before - width // 2))
-        if width < 50_000:
-            break
     return min(readings)[1]
 
 
