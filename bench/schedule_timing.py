@@ -19,13 +19,16 @@ from driver_graph import graph, load, spin_until, spread
 from rpms_ros.stimulation import constant, schedule_to_text
 
 LATENESS_LIMIT_S = 10e-3
+TESTS = str(Path(__file__).resolve().parents[1] / 'test')
 # bytes of ten bits: setting and its answer 8, status 6, trigger 3 before the pulse, 3 after it
 START = """
 import sys
+sys.path.insert(0, {tests!r})
+from faulty_device import FaultyDevice, WireTimes
 from rpms_ros.stimulation.devices import simulated
 from rpms_ros.nodes.stimulator_driver import main
-wire = simulated.WireTimes(*(10 * count / {baud} for count in (8, 6, 3, 3)))
-simulated.build = lambda options: simulated.SimulatedDevice(wire=wire, steps=100)
+wire = WireTimes(*(10 * count / {baud} for count in (8, 6, 3, 3)))
+simulated.build = lambda options: FaultyDevice(wire=wire, steps=100)
 sys.exit(main())
 """
 
@@ -50,7 +53,7 @@ def main(argv=None):
         'maximum_rate': 2 * arguments.rate,
     }
     asked, given, status = [], [], []
-    start = START.format(baud=arguments.baud)
+    start = START.format(baud=arguments.baud, tests=TESTS)
     with load(arguments.load), graph({'stimulator_driver': driver}, start):
         from rclpy.experimental.events_executor import EventsExecutor
         from rclpy.node import Node

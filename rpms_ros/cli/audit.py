@@ -48,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
     found = verify_log(arguments.file, purpose=None)
     kinds = frozenset(arguments.only.split(',')) if arguments.only else None
     print('\n'.join(report(arguments.file, found, kinds)))
-    return 0 if found.intact and not found.torn else 1
+    return 1 if found.fault or found.torn else 0
 
 
 def report(path: Path, found: 'Audit', kinds: frozenset[str] | None = None) -> list[str]:
@@ -69,9 +69,9 @@ def report(path: Path, found: 'Audit', kinds: frozenset[str] | None = None) -> l
 
 
 def _verdict(path: Path, found: 'Audit') -> list[str]:
-    verdict = 'whole' if found.intact else 'BROKEN'
+    verdict = 'BROKEN' if found.fault else 'whole'
     lines = [f'{path}: {len(found.records)} records, {verdict}']
-    if not found.intact:
+    if found.fault:
         lines.append(f'  first broken {found.fault}')
         lines.append('               nothing from there on can be trusted')
     if found.records:

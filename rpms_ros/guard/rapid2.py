@@ -98,13 +98,11 @@ def complete(answer: bytes, length: int) -> bool:
     """Whether these bytes are a whole answer of so many bytes, or a whole refusal."""
     if answer[:1] == b'?':
         return True
-    if len(answer) >= STATUS_LENGTH and answer[1] in _REFUSALS and length != UNTIL_ZERO:
-        return True
-    if length == UNTIL_ZERO:
-        refused = len(answer) == STATUS_LENGTH and answer[1] in _REFUSALS
-        ended = len(answer) >= 2 and answer[-2] == 0
-        return refused or ended or len(answer) >= LONGEST_ANSWER
-    return len(answer) >= length
+    refused = len(answer) >= STATUS_LENGTH and answer[1] in _REFUSALS
+    if length != UNTIL_ZERO:
+        return refused or len(answer) >= length
+    refused = refused and len(answer) == STATUS_LENGTH
+    return refused or answer[-2:-1] == b'\0' or len(answer) >= LONGEST_ANSWER
 
 
 def wire_s(byte_count: int) -> float:

@@ -7,7 +7,6 @@ import os
 import select
 import time
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from rpms_ros.guard import packets, rapid2
@@ -87,12 +86,11 @@ def write_silence(descriptor: int, raw: bytes) -> None:
     while True:
         try:
             write(descriptor, raw)
+            return
         except LineBusy:
             if time.monotonic() > end:
                 raise
             time.sleep(_PAUSE_S)
-        else:
-            return
 
 
 def write(descriptor: int, raw: bytes) -> None:
@@ -139,11 +137,6 @@ class Exchange:
     written_ns: int
     answer: bytes = b''
 
-    @property
-    def complete(self) -> bool:
-        """Whether the answer is whole."""
-        return rapid2.complete(self.answer, self.length)
-
 
 class Line:
     """One exchange at a time over an open serial port that does not block.
@@ -152,15 +145,12 @@ class Line:
     ----------
     descriptor : int
         Of the port.
-    clock : callable
-        Monotonic time [ns].
     """
 
-    def __init__(self, descriptor: int, clock: Callable[[], int] = time.monotonic_ns) -> None:
+    def __init__(self, descriptor: int) -> None:
         self.descriptor = descriptor
         self.outstanding: Exchange | None = None
-        self.written_ns = clock()
-        self._clock = clock
+        self.written_ns = time.monotonic_ns()
 
     def ask(self, command: bytes, length: int, sequence: int | None = None) -> None:
         """Write a command; `heard` collects its answer.
@@ -174,7 +164,7 @@ class Line:
             If the port does not take it.
         """
         write(self.descriptor, rapid2.framed(command))
-        self.written_ns = self._clock()
+        self.written_ns = time.monotonic_ns()
         self.outstanding = Exchange(command, length, sequence, self.written_ns)
 
     def silence(self, raw: bytes) -> None:
@@ -186,7 +176,7 @@ class Line:
             If the port does not take it: it is gone, or what was written before never left.
         """
         write_silence(self.descriptor, raw)
-        self.written_ns = self._clock()
+        self.written_ns = time.monotonic_ns()
 
     def read(self) -> bytes:
         """Return what has come.
@@ -213,7 +203,7 @@ class Line:
             return None, raw
         for position in range(len(raw)):
             asked.answer += raw[position : position + 1]
-            if asked.complete:
+            if rapid2.complete(asked.answer, asked.length):
                 self.outstanding = None
                 return asked, raw[position + 1 :]
         return None, b''
@@ -236,23 +226,14 @@ class Guard:
         What the driver is held to.
     wakeup : int
         Descriptor that becomes readable when this process is asked to end.
-    clock : callable
-        Monotonic time [ns].
     """
 
-    def __init__(
-        self,
-        line: int,
-        driver: int,
-        limits: GuardLimits,
-        wakeup: int,
-        clock: Callable[[], int] = time.monotonic_ns,
-    ) -> None:
-        self.line, self.limits, self.ended = Line(line, clock), limits, ''
-        self._driver, self._wakeup, self._clock = driver, wakeup, clock
+    def __init__(self, line: int, driver: int, limits: GuardLimits, wakeup: int) -> None:
+        self.line, self.limits, self.ended = Line(line), limits, ''
+        self._driver, self._wakeup = driver, wakeup
         # nothing is relayed before the driver says that it listens
         self._live = False
-        self._beat_ns = clock()
+        self._beat_ns = time.monotonic_ns()
         self._percent: int | None = None
         self._listening: Packet | None = None
         self._noise_ns = self._quiet_ns = 0
@@ -263,9 +244,8 @@ class Guard:
     def run(self) -> str:
         """Serve until the end; return why it ended, with the instrument disarmed."""
         poll = select.poll()
-        poll.register(self.line.descriptor, select.POLLIN)
-        poll.register(self._driver, select.POLLIN)
-        poll.register(self._wakeup, select.POLLIN)
+        for descriptor in (self.line.descriptor, self._driver, self._wakeup):
+            poll.register(descriptor, select.POLLIN)
         try:
             while not self.ended or self._attempts:
                 ready = {descriptor for descriptor, _ in poll.poll(self._pause_ms())}
@@ -344,16 +324,14 @@ class Guard:
                 raise DriverGone(str(error)) from error
         return received
 
-    def _tell(
-        self, kind: bytes, payload: bytes = b'', sequence: int = 0, time_ns: int = 0
-    ) -> None:
+    def _tell(self, kind: bytes, data: bytes = b'', sequence: int = 0, time_ns: int = 0) -> None:
         """Send a packet; one that cannot be sent is dropped."""
         with contextlib.suppress(OSError):
-            os.write(self._driver, packets.packed(Packet(kind, sequence, time_ns, payload)))
+            os.write(self._driver, packets.packed(Packet(kind, sequence, time_ns, data)))
 
     def _obey(self, received: list[Packet]) -> None:
         if received:
-            self._beat_ns = self._clock()
+            self._beat_ns = time.monotonic_ns()
         kinds = [packet.kind for packet in received]
         if packets.LEAVE in kinds:
             self._end('the driver has left')
@@ -408,7 +386,7 @@ class Guard:
             self._tell(packets.REFUSED, b'a trigger without an intensity', packet.sequence)
             return
         # the last moment before it is written
-        if self._clock() > packet.time_ns:
+        if time.monotonic_ns() > packet.time_ns:
             self._tell(packets.LATE, b'', packet.sequence)
             return
         self._ask(command, length, packet.sequence)
@@ -429,7 +407,7 @@ class Guard:
         self._live = False
         self.line.outstanding = None
         self._waiting.clear()
-        self._noise_ns = self._quiet_ns = self._clock()
+        self._noise_ns = self._quiet_ns = time.monotonic_ns()
 
     def _listen(self) -> None:
         """Take what the instrument says."""
@@ -443,23 +421,24 @@ class Guard:
                 self._relay(self._waiting.popleft())
             return
         self._heard = (self._heard + self.line.read())[-64:]
-        self._quiet_ns = self._clock()
+        self._quiet_ns = time.monotonic_ns()
         if self._attempts and self._disarmed():
             self._attempts = 0
 
     def _answered(self, exchange: Exchange) -> None:
-        if exchange.sequence is not None:
-            percent = rapid2.percent_of(exchange.command)
-            if percent is not None and _obeyed(exchange):
-                self._percent = percent
-            self._tell(packets.ANSWER, exchange.answer, exchange.sequence, exchange.written_ns)
-            return
+        asked_here, percent = exchange.sequence is None, rapid2.percent_of(exchange.command)
         try:
             status = rapid2.parsed(exchange.command, exchange.answer, exchange.length).status
-            if status & rapid2.ERROR:
+            if asked_here and status & rapid2.ERROR:
                 raise ValueError(f'expected an instrument without error, got {status:#04x}')
+            if percent is not None:
+                self._percent = percent
         except ValueError as error:
-            self.silence(str(error))
+            # what is wrong with the driver's own exchanges is told by their answer
+            if asked_here:
+                self.silence(str(error))
+        if exchange.sequence is not None:
+            self._tell(packets.ANSWER, exchange.answer, exchange.sequence, exchange.written_ns)
 
     def _disarm(self) -> None:
         # the second disarming is answered with the status after the first one
@@ -467,24 +446,21 @@ class Guard:
             self.line.silence(rapid2.SILENCE + rapid2.framed(rapid2.DISARM))
             # one that the line did not take is no attempt: the instrument has not heard it
             self._attempts -= 1
-        self._attempt_ns = self._clock()
+        self._attempt_ns = time.monotonic_ns()
 
     def _disarmed(self) -> bool:
         """Whether the instrument has said that it is disarmed."""
         for at in range(len(self._heard) - rapid2.STATUS_LENGTH + 1):
             answer = self._heard[at : at + rapid2.STATUS_LENGTH]
-            if (
-                answer[:1] == b'E'
-                and rapid2.framed(answer[:-1]) == answer
-                and answer[1] & _HELD == rapid2.REMOTE
-            ):
+            whole = answer[:1] == b'E' and rapid2.framed(answer[:-1]) == answer
+            if whole and answer[1] & _HELD == rapid2.REMOTE:
                 return True
         return False
 
     # ---- the time
 
     def _look_at_the_time(self) -> None:
-        now = self._clock()
+        now = time.monotonic_ns()
         if self._attempts and now - self._attempt_ns > _DISARM_INTERVAL_NS:
             self._disarm()
         self._look_at_noise(now)
@@ -515,15 +491,4 @@ class Guard:
         """Return how long there is nothing to do but to listen [ms]."""
         if self._listening is not None:
             return 5.0
-        if self._attempts:
-            return 20.0
-        return 20.0 if self._live else 100.0
-
-
-def _obeyed(exchange: Exchange) -> bool:
-    """Whether the answer is a valid one and no refusal."""
-    try:
-        rapid2.parsed(exchange.command, exchange.answer, exchange.length)
-    except ValueError:
-        return False
-    return True
+        return 20.0 if self._attempts or self._live else 100.0

@@ -84,7 +84,7 @@ class ForceBins:
             self._jumped(place, force)
         elif place > self._open:
             self._close(place)
-            self._begin(place, force)
+            self._open, self._low, self._high = place, force, force
 
     def model(self, first: int, forces: FloatArray) -> None:
         """Put the modelled force [N] of bins from `first` on beside the measured."""
@@ -109,11 +109,7 @@ class ForceBins:
         self._begun = True
         self.origin, self.newest = place, place - 1
         self._values.fill(np.nan)
-        self._begin(place, force)
-
-    def _begin(self, place: int, force: float) -> None:
-        self._open = place
-        self._low = self._high = force
+        self._open, self._low, self._high = place, force, force
 
     def _close(self, place: int) -> None:
         """Keep the open bin; those up to `place` stay empty, as holes in the line."""

@@ -77,8 +77,7 @@ class Topic:
     """
 
     def __init__(self, name: str, type_name: str, longest_silence: float) -> None:
-        self.name = name
-        self.type_name = type_name
+        self.name, self.type_name = name, type_name
         self.count = 0
         self.refused = ''
         self._longest_silence = longest_silence
@@ -121,7 +120,6 @@ class Topic:
         """Return what the page shows."""
         return {
             'name': text(self.name),
-            'type': self.type_name,
             'state': self.state(now),
             'count': self.count,
             'refused': bool(self.refused),

@@ -126,16 +126,13 @@ class Course:
         return found[::-1]
 
 
-PARAMETERS: Mapping[str, tuple[str, float]] = {
-    **{name: (label(name), 1.0) for name in (*PARAMETER_NAMES, 'order')},
-    **{name: (f'{label(name)} [ms]', 1e3) for name in ('twitch_time_constant_s', 'latency_s')},
-    'twitch_peak_n': (f'{label("twitch_peak_n")} [{{unit}}]', 1.0),
+_IN_MS = ('twitch_time_constant_s', 'latency_s')
+PARAMETERS: Mapping[str, str] = {
+    **{name: label(name) for name in (*PARAMETER_NAMES, 'order')},
+    **{name: f'{label(name)} [ms]' for name in _IN_MS},
+    'twitch_peak_n': f'{label("twitch_peak_n")} [{{unit}}]',
 }
-"""Words for the parameters and what is derived from them, and what their values are multiplied by;
-`{unit}` is that of the sensor."""
-
-RATES: Mapping[str, tuple[str, float]] = {name: (words, 1.0) for name, words in RATE_WORDS.items()}
-"""The same for the rates of change per minute."""
+"""Words for the parameters and what is derived from them; `{unit}` is that of the sensor."""
 
 IDENTIFIABILITY = ('not in the data', 'still moving', 'settled')
 """Words for `NOT_INFORMED`, `INFORMED` and `CONVERGED`."""
@@ -156,7 +153,6 @@ def estimate_view(estimate: Estimate, origin_ns: int) -> dict[str, Any]:
     return {
         'estimator': text(estimate.estimator),
         'unit': unit,
-        'stamp': number(stamp),
         'samples': estimate.samples,
         'pulses': estimate.pulses,
         **{name: number(getattr(estimate, name)) for name in _NUMBERS},
@@ -165,7 +161,7 @@ def estimate_view(estimate: Estimate, origin_ns: int) -> dict[str, Any]:
         'response': _curve(estimate, 'response', 'time'),
         'parameters': _parameters(estimate, unit),
         'physiology': _bounded(estimate, 'physiology', PARAMETERS, unit),
-        'rates': _bounded(estimate, 'rate', RATES, unit),
+        'rates': _bounded(estimate, 'rate', RATE_WORDS, unit),
         'changes': estimate.changes,
         'marks': _pairs(estimate.change_kinds, numbers(stamp - estimate.change_ago), newest=True),
         'doubts': _pairs(estimate.doubts, meanings),
@@ -191,32 +187,27 @@ def _curve(estimate: Estimate, name: str, along: str) -> dict[str, Any] | None:
     }
 
 
-def _bounded(
-    estimate: Estimate, name: str, known: Mapping[str, tuple[str, float]], unit: str
-) -> list[list[Any]]:
-    """Return rows of quantities of an estimate that have a name, a value and two bounds."""
-    names: tuple[str, ...] = getattr(estimate, f'{name}_names')
-    values = (getattr(estimate, f'{name}{end}') for end in ('', '_lower', '_upper'))
-    return _rows((names, known, unit), *values)
+def _bounded(estimate: Estimate, key: str, known: Mapping[str, str], unit: str) -> list[list[Any]]:
+    """Return rows of quantities of an estimate that have a key, a value and two bounds."""
+    names: tuple[str, ...] = getattr(estimate, f'{key}_names')
+    values = (getattr(estimate, f'{key}{end}') for end in ('', '_lower', '_upper'))
+    return _rows(names, known, unit, *values)
 
 
 def _rows(
-    named: tuple[Iterable[str], Mapping[str, tuple[str, float]], str],
-    values: FloatArray,
-    lower: FloatArray,
-    upper: FloatArray,
+    names: Iterable[str], known: Mapping[str, str], unit: str, *found: FloatArray
 ) -> list[list[Any]]:
-    """Return rows of words, value and bounds, None where there are none.
+    """Return rows of words, value, lower and upper bound, None where there are none.
 
     A quantity of somebody else's estimator keeps its name.
     """
-    names, known, unit = named
+    values, lower, upper = found
     if not len(lower) == len(upper) == len(values):
         lower = upper = np.full(len(values), np.nan)
     rows: list[list[Any]] = []
-    for name, *found in zip(names, values, lower, upper, strict=False):
-        words, factor = known.get(name, (name, 1.0))
-        rows.append([text(words.replace('{unit}', unit)), *(number(factor * x) for x in found)])
+    for name, *row in zip(names, values, lower, upper, strict=False):
+        words, factor = known.get(name, name), 1e3 if name in _IN_MS else 1.0
+        rows.append([text(words.replace('{unit}', unit)), *(number(factor * x) for x in row)])
     return rows[:MOST_NAMES]
 
 
@@ -233,9 +224,8 @@ def _parameters(estimate: Estimate, unit: str) -> list[list[Any]]:
         deviations = np.sqrt(np.where(variance >= 0.0, variance, np.nan))
         known = zip(estimate.nonlinear_names[:MOST_NAMES], values, deviations, strict=False)
         for place, (name, value, deviation) in enumerate(known):
-            ends = interval_of(name, value, deviation, estimate.confidence)
-            bounds[:, place] = ends or np.nan
-    rows = _rows((estimate.nonlinear_names, PARAMETERS, unit), values, *bounds)
+            bounds[:, place] = interval_of(name, value, deviation, estimate.confidence) or np.nan
+    rows = _rows(estimate.nonlinear_names, PARAMETERS, unit, values, *bounds)
     for row, flag in zip(rows, flags, strict=False):
         row.append(IDENTIFIABILITY[flag] if 0 <= flag < len(IDENTIFIABILITY) else '')
         if flag == 0:
@@ -311,9 +301,7 @@ class LiveSession:
         self._own = re.compile(rf'(?<!\w){re.escape(own)}(?![\w/])')
         self._first_curve_s = first_curve_s
         self._began: float | None = None
-        self.unit = unit
-        self.topics = topics
-        self.can_stop = can_stop
+        self.unit, self.topics, self.can_stop = unit, topics, can_stop
         self.bins = ForceBins()
         self.state = ''
         self._ready = -1
@@ -331,11 +319,6 @@ class LiveSession:
         self._changes = 0
         self.stop(False, '')
 
-    @property
-    def stopped(self) -> bool:
-        """Whether the newest state of the driver is that a stop is latched."""
-        return self.state == STOPPED
-
     def confirms_stop(self, now: float) -> bool:
         """Return whether a driver that is heard at `now` [s], a steady clock, has stopped.
 
@@ -343,7 +326,7 @@ class LiveSession:
         say anything.
         """
         driver = self.topics[DRIVER]
-        return self.stopped and not driver.refused and driver.state(now) == OK
+        return self.state == STOPPED and not driver.refused and driver.state(now) == OK
 
     def force(self, stamp_ns: IntArray, force: FloatArray) -> None:
         """Take force samples [ns], [N], each (n,)."""
@@ -478,8 +461,7 @@ class LiveSession:
         if not parts:
             return cursor, None
         if self._begun:
-            counts = self._pulses.count, self._disturbance.count
-            cursor = Cursor(self._epoch, self._ready, *counts)
+            cursor = Cursor(self._epoch, self._ready, self._pulses.count, self._disturbance.count)
         return cursor._replace(changes=self._changes), parts
 
     def _estimate_part(self, estimate: Estimate) -> dict[str, Any]:

@@ -83,8 +83,7 @@ class IdentifierParameters(NodeParameters):
         DEFAULT_RATE,
         'Rate for which the recruitment curve is stated.',
         unit='Hz',
-        minimum=LOWEST_RATE,
-        maximum=HIGHEST_RATE,
+        bounds=(LOWEST_RATE, HIGHEST_RATE),
     )
     axis: str = parameter(
         'z',
@@ -101,22 +100,16 @@ class IdentifierParameters(NodeParameters):
         'How long a sample waits for pulses; one may be late by this less '
         f'{_STREAM.pulse_look_ahead:g} s.',
         unit='s',
-        minimum=_STREAM.pulse_look_ahead,
-        maximum=10.0,
+        bounds=(_STREAM.pulse_look_ahead, 10.0),
     )
     estimate_period: float = parameter(
-        _STREAM.estimate_period,
-        'Stamps between two estimates.',
-        unit='s',
-        minimum=0.001,
-        maximum=3600.0,
+        _STREAM.estimate_period, 'Stamps between two estimates.', unit='s', bounds=(0.001, 3600.0)
     )
     largest_force: float = parameter(
         _STREAM.largest_force,
         'Larger forces of either sign are no muscle and are dropped.',
         unit='N',
-        minimum=0.001,
-        maximum=1e6,
+        bounds=(0.001, 1e6),
     )
     monitors: tuple[str, ...] = parameter(
         _STREAM.monitors, 'Monitors of the stream, of this package or registered by others.'
@@ -288,27 +281,20 @@ class Identifier(NodeOfParts):
         self._doubted = ''
         self._heard = time.monotonic()
         self._last: Estimate | None = None
-        self._estimate = self.create_publisher(MuscleEstimate, topics.ESTIMATE, qos.ESTIMATE_KEPT)
-        self._disturbance = self.create_publisher(
-            WrenchStamped, topics.DISTURBANCE, qos.DISTURBANCE
-        )
-        self._diagnostics = DiagnosticsPublisher(
-            self, 'identification', f'sensor of {self.resolve_topic_name(topics.FORCE)}'
-        )
+        publisher = self.create_publisher
+        self._estimate = publisher(MuscleEstimate, topics.ESTIMATE, qos.ESTIMATE_KEPT)
+        self._disturbance = publisher(WrenchStamped, topics.DISTURBANCE, qos.DISTURBANCE)
+        force, pulses = (self.resolve_topic_name(name) for name in (topics.FORCE, topics.PULSES))
+        self._diagnostics = DiagnosticsPublisher(self, 'identification', f'sensor of {force}')
         self._hearing = self.second_node()
         self._pulses = Ear(self, self._hearing, PulseMessage, topics.PULSES, qos.PULSES)
         self._force = Ear(self, self._hearing, WrenchStamped, topics.FORCE, qos.FORCE)
         self._sensor_frame = ''
         self._senders = Publishers(self)
-        for name, act in {
-            'reset': self._reset,
-            'hold': self._hold,
-            'resume': self._resume,
-        }.items():
+        for name, act in (('reset', self._reset), ('hold', self._hold), ('resume', self._resume)):
             self.create_service(Trigger, f'~/{name}', self._answering(act))
         every(self, _LOOK_PERIOD, self._process)
         every(self, PERIOD_S, self._report)
-        force, pulses = (self.resolve_topic_name(name) for name in (topics.FORCE, topics.PULSES))
         logger_of(self).info(
             f'identifying with {self.stream.estimator.name}: {quantity} [{self._unit}] '
             f'on {force} along {self.settings.axis}; pulses on {pulses}'

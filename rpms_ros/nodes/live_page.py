@@ -259,7 +259,7 @@ class LivePageParameters(NodeParameters):
     address: str = parameter(
         '127.0.0.1', 'Address of this machine to listen on; 0.0.0.0 lets the network look.'
     )
-    port: int = parameter(PORT, 'Port to listen on; 0 takes a free one.', minimum=0, maximum=65535)
+    port: int = parameter(PORT, 'Port to listen on; 0 takes a free one.', bounds=(0, 65535))
     names: tuple[str, ...] = parameter(('localhost',), 'Names that the page may be asked for by.')
     token_file: str = parameter(
         '', "File, its owner's alone, with the token of the stop; empty for a page without one."

@@ -44,10 +44,10 @@ class ConsoleParameters(NodeParameters):
     schedule_file: str = parameter('', 'YAML file of the schedule that is run; empty arms only.')
     driver: str = parameter('stimulator_driver', 'Name of the driver node.')
     key_repeat: float = parameter(
-        0.2, 'A key counts so long after a repetition.', unit='s', minimum=0.05, maximum=2.0
+        0.2, 'A key counts so long after a repetition.', unit='s', bounds=(0.05, 2.0)
     )
     joy_enable: int = parameter(
-        -1, 'Button of a joystick that is the enable; -1 for none.', minimum=-1, maximum=63
+        -1, 'Button of a joystick that is the enable; -1 for none.', bounds=(-1, 63)
     )
 
     def __post_init__(self) -> None:

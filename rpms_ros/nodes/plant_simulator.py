@@ -34,19 +34,16 @@ _NOISE_SHARE = 0.005
 class PlantParameters(NodeParameters):
     """Parameters of the plant simulator."""
 
-    rate: float = parameter(
-        1000.0, 'Force samples a second.', unit='Hz', minimum=1.0, maximum=20000.0
-    )
+    rate: float = parameter(1000.0, 'Force samples a second.', unit='Hz', bounds=(1.0, 20000.0))
     subject: str = parameter('rpms', 'Preset of the muscle.', choices=(*SUBJECTS, 'random'))
     seed: int = parameter(
-        1, 'Seed of the noise, and of a random subject.', minimum=0, maximum=LARGEST_SEED
+        1, 'Seed of the noise, and of a random subject.', bounds=(0, LARGEST_SEED)
     )
     noise: float = parameter(
         -1.0,
         'Deviation of the noise; negative: that of the scenario, or 0.5 % of the maximum force.',
         unit='N',
-        minimum=-1.0,
-        maximum=1e6,
+        bounds=(-1.0, 1e6),
     )
     axis: str = parameter(
         'z', 'Axis of the wrench.', choices=('x', 'y', 'z', '-x', '-y', '-z'), true_is='y'
@@ -55,13 +52,13 @@ class PlantParameters(NodeParameters):
         FORCE, 'What is measured; with torque every N here is N m.', choices=tuple(UNITS)
     )
     publication_delay: float = parameter(
-        0.01, 'From stamp to publication: pulses come first.', unit='s', minimum=0.0, maximum=1.0
+        0.01, 'From stamp to publication: pulses come first.', unit='s', bounds=(0.0, 1.0)
     )
     scenario: str = parameter(
         '', 'Name or YAML file of a scenario, but for its noise if that is given; empty for none.'
     )
     minimum_subscribers: int = parameter(
-        0, 'Subscribers of the force to wait for before the first sample.', minimum=0, maximum=100
+        0, 'Subscribers of the force to wait for before the first sample.', bounds=(0, 100)
     )
 
     def __post_init__(self) -> None:
@@ -110,19 +107,18 @@ class PlantSimulator(NodeOfParts):
         super().__init__('plant_simulator', **options)
 
     def _build(self) -> None:
-        self.settings = declare_parameters(self, PlantParameters)
-        _warm_up(self.settings)
-        self.plant = build_plant(self.settings)
+        self.settings = settings = declare_parameters(self, PlantParameters)
+        _warm_up(settings)
+        self.plant = build_plant(settings)
         self._begun = False
-        quantity = self.settings.quantity
-        self._sensor = messages.AXES[self.settings.axis], MESSAGE_TYPES, _FRAME, quantity
+        quantity = settings.quantity
+        self._sensor = messages.AXES[settings.axis], MESSAGE_TYPES, _FRAME, quantity
         self._force = self.create_publisher(WrenchStamped, topics.FORCE, qos.FORCE)
         self._truth = self.create_publisher(MuscleTruth, topics.TRUTH, qos.TRUTH)
         self._next_truth_ns = 0
         self.create_subscription(PulseMessage, topics.PULSES, self._on_pulse, qos.PULSES)
-        self._delay_ns = nanoseconds(self.settings.publication_delay)
-        every(self, 1.0 / min(self.settings.rate, _FASTEST_TICK), self._tick)
-        settings = self.settings
+        self._delay_ns = nanoseconds(settings.publication_delay)
+        every(self, 1.0 / min(settings.rate, _FASTEST_TICK), self._tick)
         measured = f'{quantity} [{UNITS[quantity]}] along {settings.axis}'
         logger_of(self).info(
             f'simulating subject {settings.subject}: {measured} at {settings.rate:g} Hz'

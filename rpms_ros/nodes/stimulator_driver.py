@@ -49,9 +49,10 @@ from rpms_ros.nodes.driver.watch import WATCH_TIMEOUT_S, DriverWatch
 from rpms_ros.stimulation import Schedule, load_schedule
 from rpms_ros.stimulation.driver.authority import AUTHORITY, Authority
 from rpms_ros.stimulation.driver.controller import ControllerThreads, StimulationController
-from rpms_ros.stimulation.driver.safety_monitor import EXECUTOR, Refused, SensorLife
+from rpms_ros.stimulation.driver.safety_monitor import EXECUTOR, SensorLife
 from rpms_ros.stimulation.driver.states import POSSIBLE, State
 from rpms_ros.stimulation.driver.stop_buttons import StopButtons
+from rpms_ros.stimulation.limits.limits import Refused
 
 _LABELS: dict[int, str] = {
     getattr(Transition, name): name.removeprefix('TRANSITION_').lower()
@@ -177,8 +178,7 @@ class StimulatorDriver(LifecycleNode):
         if not self._try(self._make_ready):
             return TransitionCallbackReturn.FAILURE
         self._active = True
-        who = self.authority.operator or 'nobody in particular'
-        self._reports.say(f'armed by {who}')
+        self._reports.say(f'armed by {self.authority.operator or "nobody in particular"}')
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -282,7 +282,7 @@ class StimulatorDriver(LifecycleNode):
             self._audit.note(
                 'stop' if latched else 'disarm',
                 reason=plain_text(reason),
-                **self._pulses.for_the_log(),
+                **self._pulses.hash.for_the_log(),
             )
         self._active = False
         self.authority.release()

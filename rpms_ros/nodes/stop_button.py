@@ -29,10 +29,10 @@ class StopButtonParameters(NodeParameters):
 
     keyboard: bool = parameter(True, 'Whether keys of the terminal press it.')
     joy_button: int = parameter(
-        -1, 'Button of the joystick that presses it, from 0; -1 for none.', minimum=-1, maximum=63
+        -1, 'Button of the joystick that presses it, from 0; -1 for none.', bounds=(-1, 63)
     )
     joy_timeout: float = parameter(
-        0.5, 'Longest silence of the joystick.', unit='s', minimum=0.05, maximum=10.0
+        0.5, 'Longest silence of the joystick.', unit='s', bounds=(0.05, 10.0)
     )
 
     def __post_init__(self) -> None:

@@ -197,7 +197,7 @@ def test_the_driver_is_sent_when_it_changes(session, make_status):
     session.driver(make_status())
     assert session.frame(cursor)[1] is None
     session.driver(make_status(state=4, reason='emergency stop\n is pressed'))
-    assert session.stopped
+    assert session.state == 'stopped'
     view = session.frame(cursor)[1]['driver']
     assert (view['state'], view['reason']) == ('stopped', 'emergency stop  is pressed')
     session.driver(make_status(state=9, button_states=[77]))

@@ -8,6 +8,7 @@ from functools import partial
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
+from faulty_device import FaultyDevice, SimulatedFaults
 from geometry_msgs.msg import WrenchStamped
 from lifecycle_msgs.msg import State, Transition
 
@@ -16,7 +17,7 @@ from rpms_msgs.msg import DriverStatus, Pulse
 from rpms_ros.nodes.common import qos, topics
 from rpms_ros.nodes.common.runner import ENDING, name_of
 from rpms_ros.stimulation import constant
-from rpms_ros.stimulation.devices import SimulatedFaults
+from rpms_ros.stimulation.devices import simulated
 from rpms_ros.stimulation.records.append_only import verify_log
 
 FROZEN_NS, DAY_NS = 1, 86400 * 10**9
@@ -161,6 +162,12 @@ def test_an_error_while_a_goal_is_begun_is_a_fault(driver_bench, monkeypatch):
     assert not bench.controller.device.armed
 
 
+@pytest.fixture
+def faulty(monkeypatch):
+    """The simulated device is one that can have faults."""
+    monkeypatch.setattr(simulated, 'build', lambda _: FaultyDevice())
+
+
 @pytest.mark.parametrize(
     ('faults', 'reason'),
     [
@@ -168,7 +175,8 @@ def test_an_error_while_a_goal_is_begun_is_a_fault(driver_bench, monkeypatch):
         (SimulatedFaults(vanish_after=1), 'expected an answer from the device, got none'),
     ],
 )
-def test_fault_of_the_device_ends_in_the_safe_state(driver_bench, graph, faults, reason):
+def test_fault_of_the_device_ends_in_the_safe_state(faulty, driver_bench, graph, faults, reason):
+    del faulty
     bench = driver_bench(button=True)
     bench.run()
     bench.controller.device.faults = faults
@@ -185,7 +193,8 @@ def test_fault_of_the_device_ends_in_the_safe_state(driver_bench, graph, faults,
     graph.wait_for(lambda: bench.arms())
 
 
-def test_temperature_over_the_limit_stops(driver_bench):
+def test_temperature_over_the_limit_stops(faulty, driver_bench):
+    del faulty
     bench = driver_bench(button=True)
     bench.run()
     bench.controller.device.faults = SimulatedFaults(heating_per_pulse=1.0)

@@ -50,16 +50,16 @@ def test_the_stop_stops_a_real_driver_holds_it_and_lets_go(graph, page, driven):
     assert page.stop._button is None  # nobody can count on it: it is not there
     assert post(page.server.url, 'stop', 'wrong-horse-battery') == 403
     graph.wait_for(lambda: driven.controller.delivered >= 8)
-    assert not page.session.stopped
+    assert page.session.state != 'stopped'
     assert post(page.server.url, 'stop', TOKEN) == 200
-    graph.wait_for(lambda: page.session.stopped)
+    graph.wait_for(lambda: page.session.state == 'stopped')
     delivered = driven.controller.delivered
     # it is held: a reset is refused while the page says pressed
     graph.wait_for(lambda: driven.buttons.pressed)
     assert driven.controller.delivered == delivered
     assert post(page.server.url, 'let_go', TOKEN) == 200
     graph.wait_for(lambda: page.stop._button is None)
-    assert page.session.stopped
+    assert page.session.state == 'stopped'
     assert driven.controller.delivered == delivered
 
 
@@ -104,13 +104,13 @@ def test_a_stop_that_no_driver_confirms_says_so(graph, page):
 def test_a_driver_that_has_ended_confirms_no_stop(graph, page):
     publisher = graph.publisher(DriverStatus, topics.DRIVER_STATUS, qos.STATUS)
     publisher.publish(DriverStatus(state=DriverStatus.STOPPED, reason='emergency stop'))
-    graph.wait_for(lambda: page.session.stopped)
+    graph.wait_for(lambda: page.session.state == 'stopped')
     # nothing comes any more, and another driver may have taken its place
     driver = page.session.topics['driver_status']
     graph.wait_for(lambda: driver.state(time.monotonic()) == 'silent')
     assert post(page.server.url, 'stop', TOKEN) == 200
     graph.wait_for(lambda: page.session._stop == {'pressed': True, 'text': UNCONFIRMED})
-    assert page.session.stopped
+    assert page.session.state == 'stopped'
 
 
 def test_it_says_what_is_not_heard_and_why(graph, page, stranger):
@@ -148,7 +148,7 @@ def test_bytes_that_are_no_message_end_no_page_and_confirm_no_stop(graph, page):
     # the last state that could be read is not that of now, although something is heard
     driver = page.session.topics['driver_status']
     driver.heard(1, time.monotonic())
-    assert page.session.stopped
+    assert page.session.state == 'stopped'
     assert not page.session.confirms_stop(time.monotonic())
     states.publish(DriverStatus(state=DriverStatus.STOPPED))
     graph.wait_for(lambda: page.session.confirms_stop(time.monotonic()))

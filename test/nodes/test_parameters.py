@@ -46,12 +46,12 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @dataclass(frozen=True)
 class Example(NodeParameters):
-    rate: float = parameter(20.0, 'Rate.', unit='Hz', minimum=1.0, maximum=50.0)
-    count: int = parameter(3, 'Count.', minimum=0, maximum=9)
-    gain: float = parameter(1.0, 'Gain.', dynamic=True, minimum=0.0, maximum=9.0)
+    rate: float = parameter(20.0, 'Rate.', unit='Hz', bounds=(1.0, 50.0))
+    count: int = parameter(3, 'Count.', bounds=(0, 9))
+    gain: float = parameter(1.0, 'Gain.', dynamic=True, bounds=(0.0, 9.0))
     limit: float = parameter(2.0, 'Largest gain.', dynamic=True)
     mode: str = parameter('a', 'Mode.', choices=('a', 'b'))
-    weights: tuple[float, ...] = parameter((0.5, 1.0), 'Weights.', minimum=0.0, maximum=1.0)
+    weights: tuple[float, ...] = parameter((0.5, 1.0), 'Weights.', bounds=(0.0, 1.0))
 
     def __post_init__(self):
         super().__post_init__()
@@ -176,9 +176,9 @@ def test_every_number_of_a_node_has_a_range_with_two_ends(settings):
     for name, description in descriptions(settings).items():
         assert description.doc.endswith('.'), name
         if type_of(settings, name) in (Parameter.Type.DOUBLE, Parameter.Type.INTEGER):
-            assert description.minimum is not None, name
-            assert description.maximum < float('inf'), name
-            assert description.minimum <= getattr(settings, name) <= description.maximum
+            assert description.bounds is not None, name
+            low, high = description.bounds
+            assert low <= getattr(settings, name) <= high < float('inf'), name
 
 
 @pytest.mark.parametrize('name', FILES)

@@ -22,7 +22,7 @@ from rpms_ros.nodes.common.runner import run
 
 @dataclass(frozen=True)
 class Example(NodeParameters):
-    rate: float = parameter(20.0, 'Rate.', unit='Hz', minimum=1.0, maximum=50.0)
+    rate: float = parameter(20.0, 'Rate.', unit='Hz', bounds=(1.0, 50.0))
 
 class ExampleNode(Node):
 

@@ -7,9 +7,9 @@ import dataclasses
 from functools import cache
 
 import pytest
+from faulty_device import FaultyDevice
 
 from rpms_ros.stimulation import constant
-from rpms_ros.stimulation.devices import SimulatedDevice
 from rpms_ros.stimulation.devices.serial_line import SerialDevice
 from rpms_ros.stimulation.driver.controller import ControllerThreads, StimulationController
 from rpms_ros.stimulation.driver.safety_monitor import EMERGENCY_STOP, EXECUTOR, HEARTBEAT
@@ -63,7 +63,7 @@ class Clock:
             other()
 
 
-class NotingDevice(SimulatedDevice):
+class NotingDevice(FaultyDevice):
     """Notes what it was asked for, and when it fired what it was told to.
 
     ``instead`` maps the name of a call to what is done instead of it.

@@ -36,7 +36,7 @@ def test_every_line_is_json_with_number_time_and_boot_and_chained(path):
         assert len(line['boot_id']) == 36
     assert lines[3]['pulse'] == 2
     found = verify_log(path)
-    assert found.intact
+    assert not found.fault
     assert [record.content for record in found.records] == lines
     assert found.hash == lines[-1]['hash']
 
@@ -58,7 +58,7 @@ def test_a_change_is_found_at_its_first_record_and_nothing_is_added(path, change
     lines = filled(path)
     path.write_bytes(b''.join(change(lines)))
     found = verify_log(path)
-    assert not found.intact
+    assert found.fault
     assert found.line == line
     assert len(found.records) == line - 1
     assert f'line {line}: expected the next record of the chain' in found.fault
@@ -74,7 +74,7 @@ def test_a_line_cut_off_by_a_kill_is_marked_and_the_log_goes_on(path, cut):
     assert verify_log(path).torn > 0
     filled(path, 1)
     found = verify_log(path)
-    assert found.intact
+    assert not found.fault
     kinds = [record.content['kind'] for record in found.records]
     # only the end of the line was missing: the record itself is whole
     kept = 3 if cut == 1 else 2
@@ -92,7 +92,7 @@ def test_a_first_line_cut_off_begins_again(path):
     path.parent.mkdir()
     path.write_bytes(b'{"number":0,"ki')
     filled(path, 1)
-    assert verify_log(path).intact
+    assert not verify_log(path).fault
     assert [record.line for record in verify_log(path).records] == [2, 3]
 
 
@@ -118,7 +118,7 @@ def test_anything_printable_or_not_is_kept_and_what_json_cannot_hold_is_refused(
         with pytest.raises(StimulationError, match='expected a record of less than 1000000 bytes'):
             log.append('wrong', {'value': 'x' * 1_000_000})
     found = verify_log(path)
-    assert found.intact
+    assert not found.fault
     assert [record.content.get('reason') for record in found.records] == [None, '\ud800\n\x00"']
 
 

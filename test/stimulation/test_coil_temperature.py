@@ -5,9 +5,9 @@
 from itertools import pairwise
 
 import pytest
+from faulty_device import WireTimes
 
 from rpms_ros.stimulation import constant
-from rpms_ros.stimulation.devices import WireTimes
 from rpms_ros.stimulation.limits.coil_temperature import CoilTemperature, CoilThermal
 
 # 9600 baud, ten bits a byte: a status and a temperature take 6.3 and 12.5 ms

@@ -3,10 +3,11 @@
 """What devices, callbacks and ledgers do wrong: each ends in zero intensity, disarmed, latched."""
 
 import pytest
+from faulty_device import SimulatedFaults
 
 from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation import Schedule, Single, constant
-from rpms_ros.stimulation.devices import UNVERIFIED, Delivery, DeviceError, SimulatedFaults
+from rpms_ros.stimulation.devices import UNVERIFIED, Delivery, DeviceError
 from rpms_ros.stimulation.driver.states import State
 
 BUSY = 'computer too busy: pulses stopped; '

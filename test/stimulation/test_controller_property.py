@@ -17,10 +17,11 @@ from itertools import accumulate, pairwise
 
 import numpy as np
 import pytest
+from faulty_device import SimulatedFaults
 
 from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation import Constant, Doublet, Pause, Ramp, Schedule, UniformRandom
-from rpms_ros.stimulation.devices import DeviceError, SimulatedFaults
+from rpms_ros.stimulation.devices import DeviceError
 from rpms_ros.stimulation.driver.safety_monitor import EXECUTOR, HEARTBEAT, Refused
 from rpms_ros.stimulation.driver.states import POSSIBLE, State
 from rpms_ros.stimulation.limits.limits import DoseLimits, Limits

@@ -5,10 +5,10 @@
 from itertools import pairwise
 
 import pytest
+from faulty_device import WireTimes
 
 from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation import Constant, Pause, Schedule, Single, constant
-from rpms_ros.stimulation.devices import WireTimes
 from rpms_ros.stimulation.driver.states import State
 from rpms_ros.stimulation.limits.limits import Limits
 

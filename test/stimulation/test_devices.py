@@ -16,11 +16,14 @@ from rpms_ros.stimulation.limits.device_specification import load_device_specifi
 
 MODULE = """
 from rpms_ros.stimulation.devices import SimulatedDevice
+from rpms_ros.stimulation.devices.registry import quantized_down
 
 class AcmeDevice(SimulatedDevice):
     def __init__(self, options):
-        super().__init__(steps=200)
+        super().__init__()
         self.options = options
+    def quantized(self, intensity):
+        return quantized_down(intensity, 200)
 
 class Half:
     real = True

@@ -212,7 +212,7 @@ def drained(port, monkeypatch):
         pauses.append(seconds)
         time.sleep(seconds)
 
-    clock = SimpleNamespace(monotonic=time.monotonic, sleep=pause)
+    clock = SimpleNamespace(monotonic=time.monotonic, monotonic_ns=time.monotonic_ns, sleep=pause)
     monkeypatch.setattr('rpms_ros.guard.relay.time', clock)
     yield pauses
     reading.join()

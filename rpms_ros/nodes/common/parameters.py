@@ -6,7 +6,7 @@ A field made by `parameter` carries default, description, unit and bounds::
 
     @dataclass(frozen=True)
     class PlantParameters(NodeParameters):
-        rate: float = parameter(1e3, 'Samples a second.', unit='Hz', minimum=1.0, maximum=2e4)
+        rate: float = parameter(1e3, 'Samples a second.', unit='Hz', bounds=(1.0, 2e4))
 
         def __post_init__(self) -> None:
             super().__post_init__()
@@ -57,10 +57,8 @@ class Description:
         One sentence.
     unit : str
         Unit, empty for a share, a count or a name.
-    minimum : float or None
-        Inclusive bound, of every element if the field is a tuple.
-    maximum : float
-        Inclusive bound; counts only with a minimum.
+    bounds : tuple of float or None
+        Least and largest value, of every element if the field is a tuple.
     choices : tuple of str
         Every string that is allowed; empty allows any.
     dynamic : bool
@@ -71,8 +69,7 @@ class Description:
 
     doc: str
     unit: str = ''
-    minimum: float | None = None
-    maximum: float = math.inf
+    bounds: tuple[float, float] | None = None
     choices: tuple[str, ...] = ()
     dynamic: bool = False
     true_is: str = ''
@@ -80,21 +77,19 @@ class Description:
     def conditions(self) -> str:
         """Return unit, bounds and choices in words."""
         parts = [f'[{self.unit}]'] if self.unit else []
-        if self.minimum is not None:
-            parts.append(f'{self.minimum} to {self.maximum}')
+        if self.bounds is not None:
+            parts.append('{} to {}'.format(*self.bounds))
         if self.choices:
             parts.append('one of ' + ', '.join(self.choices))
         return ' '.join(parts)
 
 
-def parameter(default: Any, doc: str, **description: Any) -> Any:
+def parameter(default: Any, doc: str, **more: Any) -> Any:
     """Return a dataclass field that is a ROS parameter; keywords are those of `Description`.
 
     A tuple may be empty if it is so by default.
     """
-    return dataclasses.field(
-        default=default, metadata={_METADATA: Description(doc, **description)}
-    )
+    return dataclasses.field(default=default, metadata={_METADATA: Description(doc, **more)})
 
 
 @dataclass(frozen=True)
@@ -131,7 +126,12 @@ def _require(name: str, value: Any, expected: Parameter.Type, description: Descr
     got = Parameter.Type.from_parameter_value(list(value) if isinstance(value, tuple) else value)
     if got is not expected:
         names = [kind.name.lower().replace('_', ' ') for kind in (expected, got)]
-        hint = _hint(expected, got, value)
+        # ROS has read it as another type than it was meant
+        hint, types = '', Parameter.Type
+        if (expected, got) == (types.DOUBLE, types.INTEGER):
+            hint = f' (write {value}.0)'
+        elif expected is types.STRING and got in (types.BOOL, types.INTEGER, types.DOUBLE):
+            hint = ' (put it in quotes)'
         raise NodeError(f'parameter {name}: expected {names[0]}, got {names[1]} {value}{hint}')
     for item in value if isinstance(value, list | tuple) else (value,):
         if not _within(item, description):
@@ -139,22 +139,12 @@ def _require(name: str, value: Any, expected: Parameter.Type, description: Descr
             raise NodeError(f'parameter {name}: expected {conditions}, got {item!r}')
 
 
-def _hint(expected: Parameter.Type, got: Parameter.Type, value: Any) -> str:
-    """Return how to write a value that ROS has read as another type than it was meant."""
-    if (expected, got) == (Parameter.Type.DOUBLE, Parameter.Type.INTEGER):
-        return f' (write {value}.0)'
-    read_otherwise = (Parameter.Type.BOOL, Parameter.Type.INTEGER, Parameter.Type.DOUBLE)
-    if expected is Parameter.Type.STRING and got in read_otherwise:
-        return ' (put it in quotes)'
-    return ''
-
-
 def _within(item: Any, description: Description) -> bool:
     if isinstance(item, str):
         return not description.choices or item in description.choices
     if isinstance(item, float) and not math.isfinite(item):
         return False
-    return description.minimum is None or description.minimum <= item <= description.maximum
+    return description.bounds is None or description.bounds[0] <= item <= description.bounds[1]
 
 
 def declare_parameters(
@@ -239,11 +229,7 @@ def follow_parameters(
     latest = current
 
     def changed(parameters: list[Parameter]) -> Settings:
-        values = {
-            given.name: tuple(given.value) if isinstance(given.value, list) else given.value
-            for given in parameters
-            if given.name in known
-        }
+        values = {given.name: given.value for given in parameters if given.name in known}
         return dataclasses.replace(latest, **values)
 
     def check(parameters: list[Parameter]) -> SetParametersResult:

@@ -209,8 +209,7 @@ def run(build: Callable[[], Node], args: Sequence[str] | None = None) -> int:
     node: Node | None = None
     hook, sys.unraisablehook = sys.unraisablehook, _without_interrupts
     try:
-        without = SignalHandlerOptions.NO
-        rclpy.init(args=args if args is None else given, signal_handler_options=without)
+        rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
         node = build()
         _warn_of_files_without_effect(given, node)
         at_once = getattr(node, 'stop_at_once', None)
@@ -271,12 +270,14 @@ def _explained(settings: type[NodeParameters]) -> Iterator[tuple[str, str]]:
 
 
 def _spin(node: Node, stop: StopRequest) -> None:
-    executor = EventsExecutor()
+    executor, parent = EventsExecutor(), os.environ.get(PARENT_VARIABLE)
     executor.add_node(node)
     stop.heed_between_callbacks()
     try:
         # In Jazzy the spin() of this executor neither waits nor ends on signals.
-        while rclpy.ok() and not stop.made and not _orphaned():
+        while rclpy.ok() and not stop.made:
+            if parent is not None and os.getppid() != int(parent):
+                break
             executor.spin_once(timeout_sec=0.1)
     except Exception as error:
         # shutting an executor down during an exception has crashed processes
@@ -285,11 +286,6 @@ def _spin(node: Node, stop: StopRequest) -> None:
     finally:
         executor.remove_node(node)
         executor.shutdown()
-
-
-def _orphaned() -> bool:
-    parent = os.environ.get(PARENT_VARIABLE)
-    return parent is not None and os.getppid() != int(parent)
 
 
 @contextmanager

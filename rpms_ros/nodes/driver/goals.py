@@ -30,9 +30,9 @@ from rpms_ros.stimulation.driver.safety_monitor import (
     HEARTBEAT,
     SUPERVISOR,
     SUSPEND,
-    Refused,
 )
 from rpms_ros.stimulation.driver.states import Run, State
+from rpms_ros.stimulation.limits.limits import Refused
 
 CODES = RunSchedule.Result
 WATCH = 'watch'
@@ -100,16 +100,14 @@ class _DeferredServer(ActionServer):
         if future in self._futures:
             ActionServer.remove_future(self, future)
 
-    def conclude(
-        self, goal_handle: ServerGoalHandle, end: Callable[[Any], None], result: Any
-    ) -> None:
+    def conclude(self, goal: ServerGoalHandle, end: Callable[[Any], None], result: Any) -> None:
         """End a goal: `end` sets its state, and the result is sent."""
 
         def ended(handle: ServerGoalHandle) -> Any:
             end(handle)
             return result
 
-        ActionServer.notify_execute(self, goal_handle, ended)
+        ActionServer.notify_execute(self, goal, ended)
 
 
 class ScheduleAction:
@@ -200,12 +198,11 @@ class ScheduleAction:
             self._authority.require(request.operator_id, request.token)
         try:
             schedule = schedule_of(request.typed_schedule)
-        except StimulationError as error:
-            raise GoalRefused(CODES.BAD_SCHEDULE, str(error)) from error
         except Exception as error:
             # of anybody, and whatever the reader of it makes of it
             said = f'expected a schedule, got one that raises {error!r}'
-            raise GoalRefused(CODES.BAD_SCHEDULE, said) from error
+            known = isinstance(error, StimulationError)
+            raise GoalRefused(CODES.BAD_SCHEDULE, str(error) if known else said) from error
         operator = request.operator_id
         return self._controller.start(schedule, lambda: self._started(schedule, operator))
 

@@ -22,7 +22,7 @@ from rpms_ros.stimulation.records.dose_ledger import DoseLedger, MemoryLedger
 
 # nobody is stimulated, and a busy computer lets a thread wait for longer than is safe elsewhere
 _SIMULATED_PATIENCE_S = 2.0
-_SILENCE = {'unit': 's', 'minimum': 0.01, 'maximum': 10.0}
+_SILENCE = {'unit': 's', 'bounds': (0.01, 10.0)}
 _NODE_NAME = re.compile(r'(/\w+)+|\w+', re.ASCII)
 
 
@@ -34,13 +34,13 @@ class DriverParameters(NodeParameters):
     port: str = parameter('/dev/ttyUSB0', 'Serial port of a device on one.')
     device_specification: str = parameter('simulated', 'Limits of the device: name or YAML file.')
     maximum_intensity: float = parameter(
-        1.0, 'Hard bound; never raised while armed.', minimum=0.0, maximum=1.0, dynamic=True
+        1.0, 'Hard bound; never raised while armed.', bounds=(0.0, 1.0), dynamic=True
     )
     maximum_rate: float = parameter(
-        50.0, 'Hard bound on the repetition rate.', unit='Hz', minimum=0.1, maximum=1000.0
+        50.0, 'Hard bound on the repetition rate.', unit='Hz', bounds=(0.1, 1000.0)
     )
     lateness_limit: float = parameter(
-        0.01, 'A pulse later than this is dropped.', unit='s', minimum=1e-4, maximum=0.1
+        0.01, 'A pulse later than this is dropped.', unit='s', bounds=(1e-4, 0.1)
     )
     require_stop_button: bool = parameter(
         True, 'Ask for a stop button that speaks; false is for a simulated device only.'
@@ -54,7 +54,7 @@ class DriverParameters(NodeParameters):
     )
     heartbeat_timeout: float = parameter(0.3, 'Longest silence of the operator.', **_SILENCE)
     force_limit: float = parameter(
-        0.0, 'Stop above this force; 0 does not listen.', unit='N', minimum=0.0, maximum=1e5
+        0.0, 'Stop above this force; 0 does not listen.', unit='N', bounds=(0.0, 1e5)
     )
     force_timeout: float = parameter(0.2, 'Longest silence of a limited force.', **_SILENCE)
     force_frame: str = parameter('force_sensor', 'Frame of the force that is limited.')
@@ -62,14 +62,14 @@ class DriverParameters(NodeParameters):
         FORCE, 'What is measured, and limited: a force, or a torque in N m.', choices=tuple(UNITS)
     )
     temperature_limit: float = parameter(
-        40.0, 'Stop above this coil temperature.', unit='Celsius', minimum=0.0, maximum=100.0
+        40.0, 'Stop above this coil temperature.', unit='Celsius', bounds=(0.0, 100.0)
     )
     patient_file: str = parameter('', 'YAML file of the patient; a real device needs one.')
     ledger_folder: str = parameter('', 'Absolute folder of the ledgers; a real device needs one.')
     audit_log: str = parameter('', 'File of the audit log; a real device needs one.')
     autostart: bool = parameter(False, 'Arm and run schedule_file; simulated device only.')
     minimum_subscribers: int = parameter(
-        1, 'Subscribers of the pulses that autostart waits for.', minimum=0, maximum=100
+        1, 'Subscribers of the pulses that autostart waits for.', bounds=(0, 100)
     )
     schedule_file: str = parameter('', 'YAML file of the schedule of an automatic start.')
 
@@ -165,8 +165,7 @@ class Session:
     @property
     def _figures(self) -> object:
         patient = self.patient
-        dose = None if patient is None else (patient.identifier, patient.dose)
-        return self.specification, dose
+        return self.specification, patient and (patient.identifier, patient.dose)
 
 
 def session_of(settings: DriverParameters) -> Session:

@@ -70,10 +70,6 @@ class PulsePublisher:
         """How many subscribe to the pulses."""
         return int(self._given.get_subscription_count())
 
-    def for_the_log(self) -> dict[str, object]:
-        """Return number, first stamp and hash of the pulses since the last call, if any."""
-        return self.hash.for_the_log()
-
     def publish(self, fired: Fired) -> None:
         """Publish one trigger that was sent to the device, answered or not."""
         if not self._node.context.ok():
@@ -109,8 +105,6 @@ def clock_offset_ns() -> int:
         before, now = time.monotonic_ns(), time.time_ns()
         width = time.monotonic_ns() - before
         readings.append((width, now - before - width // 2))
-        if width < 50_000:
-            break
     return min(readings)[1]
 
 
@@ -124,9 +118,8 @@ def driver_health(controller: StimulationController, dropped_lately: bool, note:
     after a pulse was dropped, ok otherwise.
     """
     state, latched, reason = controller.status()
-    level = DiagnosticStatus.OK
-    if latched or note or dropped_lately:
-        level = DiagnosticStatus.WARN
+    doubtful = latched or note or dropped_lately
+    level = DiagnosticStatus.WARN if doubtful else DiagnosticStatus.OK
     if state is State.FAULT:
         level = DiagnosticStatus.ERROR
     figures = {
@@ -264,13 +257,11 @@ class DriverReports:
         self._node = node
         self._controller, self._buttons = controller, buttons
         self._authority, self._device = authority, device
-        self._accepted = node.create_publisher(
-            AcceptedSchedule, topics.ACCEPTED_SCHEDULE, qos.ACCEPTED_SCHEDULE
-        )
+        accepted = topics.ACCEPTED_SCHEDULE, qos.ACCEPTED_SCHEDULE
+        self._accepted = node.create_publisher(AcceptedSchedule, *accepted)
         self._audit = audit
         self._status = node.create_publisher(DriverStatus, topics.DRIVER_STATUS, qos.STATUS)
-        name = node.get_fully_qualified_name()
-        hardware = f'{device} {name}' if device == SIMULATED else device
+        hardware = f'{device} {node.get_fully_qualified_name()}' if device == SIMULATED else device
         self._diagnostics = DiagnosticsPublisher(node, 'stimulator', hardware)
         # pulses so far, and when the newest was
         self._dropped, self._dropped_ns = 0, -_SHOWN_NS
@@ -341,8 +332,7 @@ class DriverReports:
         due = now_ns >= self._next_status_ns
         if due:
             # from when it was due: a tick that comes a little early or late moves none after it
-            following_ns = self._next_status_ns + _STATUS_PERIOD_NS
-            self._next_status_ns = max(following_ns, now_ns)
+            self._next_status_ns = max(self._next_status_ns + _STATUS_PERIOD_NS, now_ns)
         if changed or due:
             self._status.publish(self._status_message(stamp, now_ns))
         if changed or now_ns >= self._next_diagnostics_ns:

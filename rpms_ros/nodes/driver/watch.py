@@ -44,6 +44,12 @@ from rpms_ros.stimulation.driver.stop_buttons import StopButtons
 _OK, _NOTHING = 0, 401
 
 
+class _Allocator(ctypes.Structure):
+    """rcutils_allocator_t."""
+
+    _fields_ = (('functions', ctypes.c_void_p * 5),)
+
+
 class _Bytes(ctypes.Structure):
     """rcutils_uint8_array_t."""
 
@@ -51,14 +57,8 @@ class _Bytes(ctypes.Structure):
         ('buffer', ctypes.c_void_p),
         ('length', ctypes.c_size_t),
         ('capacity', ctypes.c_size_t),
-        ('allocator', ctypes.c_void_p * 5),
+        ('allocator', _Allocator),
     )
-
-
-class _Allocator(ctypes.Structure):
-    """rcutils_allocator_t."""
-
-    _fields_ = (('functions', ctypes.c_void_p * 5),)
 
 
 class _Information(ctypes.Structure):
@@ -114,20 +114,15 @@ class Taker:
             self._take = rcl.rcl_take_serialized_message
             self._forget_error = rcutils.rcutils_reset_error
             allocator = rcutils.rcutils_get_default_allocator
-            allocate = rcutils.rcutils_uint8_array_init
             self._free = rcutils.rcutils_uint8_array_fini
         except (OSError, AttributeError) as error:
             raise NodeError(f'expected rcl of ROS 2 Jazzy, got {error}') from error
         self._take.argtypes = (ctypes.c_void_p,) * 4
         allocator.restype = _Allocator
-        allocate.argtypes = (ctypes.POINTER(_Bytes), ctypes.c_size_t, ctypes.POINTER(_Allocator))
         self._free.argtypes = (ctypes.POINTER(_Bytes),)
-        self._bytes, self._information = _Bytes(), _Information()
-        self._to_bytes = ctypes.byref(self._bytes)
+        # empty: rcl makes room for a message as it takes it
+        self._bytes, self._information = _Bytes(allocator=allocator()), _Information()
         self._places = ctypes.addressof(self._bytes), ctypes.addressof(self._information)
-        functions = allocator()
-        if allocate(self._to_bytes, 256, ctypes.byref(functions)) != _OK:
-            raise NodeError('expected memory for a message, got none')
 
     def take(self) -> Taken | None:
         """Return the next message, None if there is none."""
@@ -148,7 +143,7 @@ class Taker:
 
     def close(self) -> None:
         """Free the memory."""
-        self._free(self._to_bytes)
+        self._free(ctypes.byref(self._bytes))
 
 
 def publishers_of(node: Node, topic: str) -> dict[bytes, str]:
@@ -274,8 +269,8 @@ class DriverWatch:
         self._node.destroy_node()
 
     def _taker(self, kind: type, topic: str, profile: QoSProfile) -> Taker:
-        name = self._driver.resolve_topic_name(topic)
-        return Taker(taken_from(self._node, kind, name, profile))
+        whole = self._driver.resolve_topic_name(topic)
+        return Taker(taken_from(self._node, kind, whole, profile))
 
     def _run(self) -> None:
         try:

@@ -10,7 +10,7 @@ from rpms_ros.stimulation.devices.registry import (
     DeviceStatus,
     TooLate,
 )
-from rpms_ros.stimulation.devices.simulated import SimulatedDevice, SimulatedFaults, WireTimes
+from rpms_ros.stimulation.devices.simulated import SimulatedDevice
 
 __all__ = [
     'UNVERIFIED',
@@ -19,7 +19,5 @@ __all__ = [
     'DeviceError',
     'DeviceStatus',
     'SimulatedDevice',
-    'SimulatedFaults',
     'TooLate',
-    'WireTimes',
 ]

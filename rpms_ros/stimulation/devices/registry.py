@@ -139,9 +139,7 @@ class Device(Protocol):
             Time left until the trigger [s]: what does not fit in is left out.
         """
 
-    def fire(
-        self, intensity: float, width_s: float, latest_ns: int | None = None
-    ) -> Delivery | None:
+    def fire(self, intensity: float, width_s: float, latest_ns: int | None) -> Delivery | None:
         """Trigger a pulse of the intensity that was prepared; return None if it did not come.
 
         Raises on any doubt: no coil or one to be replaced, an error, not ready, not armed, as far

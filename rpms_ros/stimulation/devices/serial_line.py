@@ -51,8 +51,6 @@ _FOREVER_S = 1e6
 _STEPS = 100
 # Published: about 1 s to charge.
 _CHARGE_S = 3.0
-# Published: 10 ms for every percent upwards.
-_FROM_ZERO_S = 1.0
 # The time that instrument and processes take over an exchange besides the line's.
 _TURNAROUND_S = 0.003
 _TEMPERATURE_INTERVAL_NS = 2 * _SECOND
@@ -126,16 +124,10 @@ class GuardedLine:
         A serial port; a guard is started for it.
     limits : GuardLimits
         What the guard that is started holds this driver to.
-    clock : callable
-        Monotonic time [ns].
     """
 
-    def __init__(
-        self, port: str, limits: GuardLimits, clock: Callable[[], int] = time.monotonic_ns
-    ) -> None:
-        self.port = port
-        self.limits = limits
-        self._clock = clock
+    def __init__(self, port: str, limits: GuardLimits) -> None:
+        self.port, self.limits = port, limits
         self._guard: subprocess.Popen[bytes] | None = None
         self._line: Descriptor | None = None
         self._socket: Descriptor | None = None
@@ -191,8 +183,7 @@ class GuardedLine:
         DeviceError
             If the line does not become quiet.
         """
-        sequence = self._send(packets.LISTEN)
-        self._answer_to(sequence, _LISTEN_S, 'a quiet line')
+        self._answer_to(self._send(packets.LISTEN), _LISTEN_S, 'a quiet line')
 
     def beat(self) -> None:
         """Tell the guard that this driver is alive, and look whether the guard is.
@@ -204,7 +195,7 @@ class GuardedLine:
         """
         if self._socket is None:
             return
-        now = self._clock()
+        now = time.monotonic_ns()
         if now - self._beat_ns < _BEAT_INTERVAL_NS:
             return
         self._beat_ns = now
@@ -214,7 +205,8 @@ class GuardedLine:
         while (packet := self._received(0.0)) is not None:
             self._note(packet)
         limit_s = self.limits.beat_limit_s
-        if self._unheard_ns is not None and self._clock() - self._unheard_ns > limit_s * _SECOND:
+        unheard_ns = self._unheard_ns
+        if unheard_ns is not None and time.monotonic_ns() - unheard_ns > limit_s * _SECOND:
             self._fail(f'expected a sign of life of the guard within {limit_s:g} s, got none')
 
     def silence(self) -> bool:
@@ -298,10 +290,9 @@ class GuardedLine:
         return self._sequence
 
     def _answer_to(self, sequence: int, limit_s: float, what: str) -> Packet:
-        end = self._clock() + nanoseconds(limit_s)
+        end = time.monotonic() + limit_s
         while True:
-            left_s = (end - self._clock()) / _SECOND
-            packet = self._received(max(0.0, left_s))
+            packet = self._received(max(0.0, end - time.monotonic()))
             if packet is None:
                 self._fail(f'expected {what} within {limit_s:g} s, got none')
             # whatever comes from it is a sign of life
@@ -364,8 +355,8 @@ class SerialDevice:
     sets_width = False
     # to charge, and to begin with a quiet line
     arm_s = _CHARGE_S + 1.0
-    # from zero to the largest intensity
-    prepare_s = _FROM_ZERO_S
+    # from zero to the largest intensity; published: 10 ms for every percent upwards
+    prepare_s = 1.0
     # the frame of a trigger on the line
     trigger_s = wire_s(_FRAME_LENGTH)
 
@@ -378,7 +369,7 @@ class SerialDevice:
         beat_limit_s: float = 0.25,
     ) -> None:
         bound = round(_STEPS * quantized_down(maximum_intensity, _STEPS))
-        self._line = GuardedLine(port, GuardLimits(bound, beat_limit_s, timeout_s), clock)
+        self._line = GuardedLine(port, GuardLimits(bound, beat_limit_s, timeout_s))
         self._clock = clock
         self._parameters_length: int | None = None
         # percent that was asked for
@@ -442,8 +433,7 @@ class SerialDevice:
         if self._is_silenced:
             return None
         end = self._clock() + round(min(spare_s, _FOREVER_S) * _SECOND)
-        percent = round(_STEPS * self.quantized(intensity))
-        status = self._set_percent(percent)
+        status = self._set_percent(round(_STEPS * self.quantized(intensity)))
         over = self._clock() + _exchange_s(rapid2.TEMPERATURE_LENGTH) * _SECOND
         fits = self._temperature_is_due and over <= end
         temperature = self._read_temperature() if fits else None
@@ -588,14 +578,9 @@ class SerialDevice:
             )
 
     def _status_of(self, status: int, temperature: float | None = None) -> DeviceStatus:
-        return DeviceStatus(
-            armed=bool(status & _ABLE),
-            ready=bool(status & rapid2.READY),
-            coil_present=bool(status & rapid2.COIL_PRESENT),
-            replace_coil=bool(status & rapid2.REPLACE_COIL),
-            error=bool(status & rapid2.ERROR),
-            temperature=temperature,
-        )
+        bits = _ABLE, rapid2.READY, rapid2.COIL_PRESENT, rapid2.REPLACE_COIL, rapid2.ERROR
+        said = DeviceStatus(*(bool(status & bit) for bit in bits))
+        return said._replace(temperature=temperature)
 
 
 def _exchange_s(answer_length: int) -> float:

@@ -30,7 +30,7 @@ from typing import NamedTuple
 
 from rpms_ros.errors import StimulationError
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, nanoseconds
-from rpms_ros.stimulation.driver.safety_monitor import Refused
+from rpms_ros.stimulation.limits.limits import Refused
 from rpms_ros.stimulation.records.clocks import read_boot_id
 
 AUTHORITY = 'authority'
@@ -91,8 +91,7 @@ class Authority:
     """
 
     def __init__(self, timeout_s: float, valid_s: float = 10.0) -> None:
-        self.valid_s = valid_s
-        self._timeout_s = timeout_s
+        self.valid_s, self._timeout_s = valid_s, timeout_s
         self._lock = threading.RLock()
         self.generation = self._until_ns = self._quickest_ns = 0
         self.operator = self._token = self._doubt = ''

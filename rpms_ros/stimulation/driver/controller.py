@@ -35,7 +35,7 @@ from rpms_ros.stimulation.driver.device_owner import (
     DeviceOwner,
     intensity_fault,
 )
-from rpms_ros.stimulation.driver.safety_monitor import BUSY, Refused
+from rpms_ros.stimulation.driver.safety_monitor import BUSY
 from rpms_ros.stimulation.driver.states import (
     POSSIBLE,
     Command,
@@ -56,6 +56,7 @@ from rpms_ros.stimulation.limits.limits import (
     DoseExceeded,
     LedgerError,
     PulseLimiter,
+    Refused,
     too_quiet,
 )
 from rpms_ros.stimulation.records.dose_ledger import DoseLedger, MemoryLedger
@@ -196,8 +197,6 @@ class StimulationController(DeviceOwner):
         except StimulationError as error:
             run.end(str(error), 'limit')
             reservations.extend(run.start_ns)
-            if isinstance(error, DoseExceeded):
-                raise Refused(error.limit, str(error)) from error
             raise
         try:
             accepted()
@@ -229,9 +228,8 @@ class StimulationController(DeviceOwner):
             self._reservations = None
 
     def _first_onset_ns(self) -> int:
-        return self._clock() + nanoseconds(
-            self.settings.lead_s + self.device.prepare_s + self.device.trigger_s
-        )
+        settings, device = self.settings, self.device
+        return self._clock() + nanoseconds(settings.lead_s + device.prepare_s + device.trigger_s)
 
     def _begin(self, run: Run, reservations: Reservations) -> None:
         """Begin a run that was checked; done by the owner."""
@@ -263,11 +261,7 @@ class StimulationController(DeviceOwner):
                 )
         intensity = self.device.quantized(schedule.plan.intensity)
         plan = dataclasses.replace(schedule.plan, intensity=intensity)
-        try:
-            energy_j = self.limits.pulse_energy_j * float(np.sum(intensity**2))
-            self.ledger.check(len(plan), energy_j)
-        except DoseExceeded as error:
-            raise Refused(error.limit, str(error)) from error
+        self.ledger.check(len(plan), self.limits.pulse_energy_j * float(np.sum(intensity**2)))
         for trial in trials:
             for index, (limit, reason) in trial.refusals(plan, schedule.width_s, start_ns):
                 onset_ns = plan.onset_ns[index] if index < len(plan) else plan.duration_ns
@@ -691,8 +685,7 @@ class ControllerThreads:
             thread.close()
 
     def _fire(self) -> float:
-        due_ns = self._controller.step()
-        return (due_ns - time.monotonic_ns()) / NANOSECONDS_PER_SECOND
+        return (self._controller.step() - time.monotonic_ns()) / NANOSECONDS_PER_SECOND
 
     def _supervise(self) -> float:
         self._controller.supervise()

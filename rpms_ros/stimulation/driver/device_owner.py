@@ -22,12 +22,12 @@ from contextlib import contextmanager
 from typing import Any, NamedTuple, TypeVar
 
 from rpms_ros.errors import StimulationError
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND, nanoseconds
+from rpms_ros.pulses import nanoseconds
 from rpms_ros.stimulation.devices.registry import Device, DeviceError, DeviceStatus, TooLate
-from rpms_ros.stimulation.driver.safety_monitor import SUPERVISOR, Halt, Refused, SafetyMonitor
+from rpms_ros.stimulation.driver.safety_monitor import SUPERVISOR, Halt, SafetyMonitor
 from rpms_ros.stimulation.driver.states import POSSIBLE, Command, DriverSettings, State, after
 from rpms_ros.stimulation.limits.coil_temperature import CoilTemperature
-from rpms_ros.stimulation.limits.limits import Limits
+from rpms_ros.stimulation.limits.limits import Limits, Refused
 
 Result = TypeVar('Result')
 
@@ -139,8 +139,7 @@ class Deadlines:
     """
 
     def __init__(self, clock: Callable[[], int], held_up_ns: int) -> None:
-        self._clock = clock
-        self._held_up_ns = held_up_ns
+        self._clock, self._held_up_ns = clock, held_up_ns
         self._now: Deadline | None = None
         # when the supervisor looked last, and the deadline that it has looked past once
         self._looked_ns = clock()
@@ -155,8 +154,7 @@ class Deadlines:
             yield
         finally:
             if outer is not None:
-                until_ns = self._clock() + nanoseconds(outer.limit_s)
-                outer = outer._replace(until_ns=until_ns)
+                outer = outer._replace(until_ns=self._clock() + nanoseconds(outer.limit_s))
             self._now = outer
 
     def missed(self, now_ns: int) -> Deadline | None:
@@ -195,14 +193,12 @@ def intensity_fault(given: float | None, expected: float | None, tolerance: floa
     return f'expected intensity {expected:.3g} from the device, got {given:.3g}'
 
 
-def fault_of(
-    status: DeviceStatus, expected: float | None, tolerance: float
-) -> tuple[str, str] | None:
+def fault_of(status: DeviceStatus, told: float | None, tolerance: float) -> tuple[str, str] | None:
     """Return name and reason of why an armed device must not fire, None if nothing is wrong.
 
     Whether it is charged is asked right before a pulse: after the one before it takes its time.
     """
-    wrong = intensity_fault(status.intensity, expected, tolerance)
+    wrong = intensity_fault(status.intensity, told, tolerance)
     if status.coil_present is False:
         return 'coil', 'expected a coil, got none'
     if status.replace_coil:
@@ -316,10 +312,9 @@ class DeviceOwner(SafetyMonitor):
         if self.state not in POSSIBLE:
             return
         problem = self.interlocks.problem(now, self._armed_ns)
-        idle_s = (now - self._active_ns) / NANOSECONDS_PER_SECOND
         if problem is not None:
             self.stop(*problem)
-        elif idle_s > self.limits.idle_disarm_s:
+        elif now - self._active_ns > nanoseconds(self.limits.idle_disarm_s):
             self.count('idle')
             self.disarm(f'idle: no pulse for {self.limits.idle_disarm_s:g} s while armed')
 
@@ -359,8 +354,7 @@ class DeviceOwner(SafetyMonitor):
         self.interlocks.awake()
         self._refuse_if_open()
         since, limit_s = self._epoch, self.device.arm_s + self.settings.stuck_limit_s
-        status = self._call('arm', since, self.device.arm, limit_s=limit_s)
-        self._heed(status, since, 0.0)
+        self._heed(self._call('arm', since, self.device.arm, limit_s=limit_s), since, 0.0)
         self._armed_ns = self._active_ns = self._answered_ns = self._clock()
         self._set_intensity = 0.0
         if not self._enter(Command.ARM, 'armed', since):
@@ -461,9 +455,7 @@ class DeviceOwner(SafetyMonitor):
             self.coil.measured(self._felt_ns, status.temperature)
         self.temperature(status.temperature)
 
-    def _heed(
-        self, status: DeviceStatus | None, since: object, expected: float | None = None
-    ) -> None:
+    def _heed(self, status: DeviceStatus | None, since: object, told: float | None = None) -> None:
         """Take the status of a device into account.
 
         Parameters
@@ -472,7 +464,7 @@ class DeviceOwner(SafetyMonitor):
             What it says.
         since : object
             The epoch in which it was asked: one that was silenced since says that it is disarmed.
-        expected : float, optional
+        told : float, optional
             The intensity that was set (share).
 
         Raises
@@ -484,7 +476,7 @@ class DeviceOwner(SafetyMonitor):
             return
         self._charged = status.ready
         self._feel(status)
-        fault = fault_of(status, expected, self.settings.intensity_tolerance)
+        fault = fault_of(status, told, self.settings.intensity_tolerance)
         if fault is not None:
             self.fail(*fault)
             raise DeviceError(fault[1])

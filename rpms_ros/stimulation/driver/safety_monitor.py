@@ -18,10 +18,10 @@ from collections import Counter, deque
 from collections.abc import Callable
 from typing import NamedTuple
 
-from rpms_ros.errors import StimulationError
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, nanoseconds
 from rpms_ros.stimulation.devices.registry import Device
 from rpms_ros.stimulation.driver.states import POSSIBLE, Command, DriverSettings, Run, State, after
+from rpms_ros.stimulation.limits.limits import Refused
 from rpms_ros.stimulation.records.clocks import slept_ns
 
 SUSPEND = 'suspend'
@@ -33,14 +33,6 @@ BUSY = 'computer too busy: pulses stopped; '
 
 HOLD_SHARE = 0.4
 """Share of the longest silence of a hearer of stops after which pulses are held back."""
-
-
-class Refused(StimulationError):
-    """A driver does not do what it was asked to; ``limit`` names the limit or interlock."""
-
-    def __init__(self, limit: str, reason: str) -> None:
-        super().__init__(reason)
-        self.limit = limit
 
 
 class Interlocks:
@@ -280,8 +272,7 @@ class SafetyMonitor:
         settings: DriverSettings,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        self.device = device
-        self.settings = settings
+        self.device, self.settings, self._clock = device, settings, clock
         self.interlocks = Interlocks()
         if settings.force_limit_n > 0:
             self.interlocks.require(FORCE, settings.force_timeout_s)
@@ -292,7 +283,6 @@ class SafetyMonitor:
         self.interlocks.require(EXECUTOR, limit_s, hold_s=HOLD_SHARE * limit_s)
         self.run: Run | None = None
         self.wake = threading.Event()
-        self._clock = clock
         self._standing = Standing(State.UNCONFIGURED, 'not configured')
         self._faults: Counter[str] = Counter()
         # held for some assignments only, never while something is waited for

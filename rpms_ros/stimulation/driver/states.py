@@ -221,9 +221,7 @@ class Reservations:
     """
 
     def __init__(self, ledger: MemoryLedger, run: Run, limits: Limits, ahead_s: float) -> None:
-        self._ledger = ledger
-        self._run = run
-        self._limits = limits
+        self._ledger, self._run, self._limits = ledger, run, limits
         self._ahead_ns = nanoseconds(ahead_s)
         self._lock = threading.Lock()
         # numbers in the ledger of the pulses that are reserved and not taken, by their index
@@ -252,9 +250,8 @@ class Reservations:
                 last += 1
             if last == first:
                 return
-            energy = self._limits.energy_j
             pulses = [
-                BookedPulse(run.onset_ns(index), intensity, energy(intensity))
+                BookedPulse(run.onset_ns(index), intensity, self._limits.energy_j(intensity))
                 for index, intensity in enumerate(run.intensities[first:last], first)
             ]
             self._open.update(enumerate(self._ledger.reserve(pulses), first))
@@ -277,35 +274,26 @@ class Reservations:
 
 @dataclass
 class Lateness:
-    """Running mean and maximum.
+    """Running mean and maximum of actual minus scheduled onset.
 
     Attributes
     ----------
     count : int
         Delivered pulses.
-    sum_ns, max_ns : int
-        Sum and maximum of actual minus scheduled onset [ns].
+    mean_s, max_s : float
+        Mean and maximum [s]; 0 before the first pulse.
     """
 
     count: int = 0
-    sum_ns: int = 0
-    max_ns: int = 0
+    mean_s: float = 0.0
+    max_s: float = 0.0
 
     def add(self, late_ns: int) -> None:
         """Take one delivered pulse into account."""
+        late_s = late_ns / NANOSECONDS_PER_SECOND
         self.count += 1
-        self.sum_ns += late_ns
-        self.max_ns = max(self.max_ns, late_ns)
-
-    @property
-    def mean_s(self) -> float:
-        """Mean [s]; 0 before the first pulse."""
-        return self.sum_ns / self.count / NANOSECONDS_PER_SECOND if self.count else 0.0
-
-    @property
-    def max_s(self) -> float:
-        """Maximum [s]."""
-        return self.max_ns / NANOSECONDS_PER_SECOND
+        self.mean_s += (late_s - self.mean_s) / self.count
+        self.max_s = max(self.max_s, late_s)
 
 
 _SECONDS = Bound(0.0, 10.0, 's', above=True)

@@ -59,14 +59,12 @@ class StopButtons:
 
     def __init__(self, timeout_s: float, required: bool = True, names: Iterable[str] = ()) -> None:
         self._timeout_ns = nanoseconds(timeout_s)
-        self._required = required
-        self._must_be = tuple(names)
+        self._required, self._must_be = required, tuple(names)
         self._lock = threading.Lock()
         self._buttons: dict[bytes, _Button] = {}
         self._names: dict[bytes, str] = {}
         self._unheard = 0
-        self._overrun = ''
-        self._press = ''
+        self._overrun = self._press = ''
 
     def heard(
         self, identity: bytes, sequence: int, pressed: bool, now_ns: int, kept: bool = False

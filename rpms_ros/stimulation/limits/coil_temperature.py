@@ -92,9 +92,8 @@ class CoilTemperature:
         """Take a pulse of ``energy_j`` [J] into account; return the temperature after it."""
         rise = self.thermal.coil_share * energy_j / self.thermal.heat_capacity
         celsius = self.at(time_ns) + rise
-        alone = self._cooled(self._alone, time_ns) + rise
         self.measured(time_ns, celsius)
-        self._alone = self._known[0], alone
+        self._alone = self._known[0], self._cooled(self._alone, time_ns) + rise
         return celsius
 
     def measured(self, time_ns: int, celsius: float) -> None:

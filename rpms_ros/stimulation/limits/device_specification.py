@@ -50,8 +50,6 @@ class DeviceSpecification:
         Thermal figures of its coil, if there are any.
     simulated_only : bool
         Whether it must not be used with a device that can hurt somebody.
-    sources : mapping of str to str
-        Where each figure comes from.
     serial_number : str
         Of the one device that is driven, by which its dose ledger is known; empty for a kind.
     """
@@ -61,7 +59,6 @@ class DeviceSpecification:
     limits: Limits
     thermal: CoilThermal | None
     simulated_only: bool
-    sources: Mapping[str, str]
     serial_number: str = ''
 
 
@@ -99,7 +96,8 @@ def _read(content: object) -> DeviceSpecification:
     # every figure has to have a source
     sources = as_mapping(document.get('sources'), 'sources')
     refuse_unknown(sources, figures, 'sources')
-    texts = {figure: read_text(sources, figure, 'sources', LONGEST_TEXT) for figure in figures}
+    for figure in figures:
+        read_text(sources, figure, 'sources', LONGEST_TEXT)
     if not simulated_only:
         _refuse_gaps(limits, thermal)
     serial = ''
@@ -111,7 +109,6 @@ def _read(content: object) -> DeviceSpecification:
         limits=build(Limits, limits, 'limits'),
         thermal=None if thermal is None else read_part(CoilThermal, thermal, 'thermal'),
         simulated_only=simulated_only,
-        sources=texts,
         serial_number=serial,
     )
 

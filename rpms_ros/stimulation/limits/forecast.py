@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rpms_ros.printable import told_apart
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.stimulation.limits.coil_temperature import CoilTemperature
 from rpms_ros.stimulation.limits.device_specification import DeviceSpecification
 from rpms_ros.stimulation.limits.limits import DoseLimits, Limits, PulseLimiter, Refusal, too_quiet
@@ -64,8 +64,8 @@ class Forecast:
         Largest rate between two pulses [Hz].
     waits_s : tuple of float
         Silence that has to follow each train [s].
-    temperature : ndarray of float64, shape (pulses,)
-        Coil temperature after each pulse [Celsius]; empty without thermal figures.
+    highest_temperature : float or None
+        Of the coil [Celsius]; None without thermal figures or pulses.
     """
 
     violations: tuple[Violation, ...]
@@ -75,17 +75,12 @@ class Forecast:
     mean_power_w: float
     max_rate_hz: float
     waits_s: tuple[float, ...]
-    temperature: FloatArray
+    highest_temperature: float | None
 
     @property
     def deliverable(self) -> bool:
         """Whether no limit is broken."""
         return not self.violations
-
-    @property
-    def highest_temperature(self) -> float | None:
-        """Highest coil temperature [Celsius], None without thermal figures."""
-        return float(self.temperature.max()) if len(self.temperature) else None
 
 
 def forecast(
@@ -96,8 +91,7 @@ def forecast(
     What a patient got before is not known here: the dose ledger counts it when it is run.
     """
     plan, limits, thermal = schedule.plan, specification.limits, specification.thermal
-    coil = CoilTemperature(thermal) if thermal else None
-    trial = Trial(PulseLimiter(limits), coil, 0)
+    trial = Trial(PulseLimiter(limits), CoilTemperature(thermal) if thermal else None, 0)
     found: dict[str, tuple[str, float]] = {}
     pulses: Counter[str] = Counter()
     for index, (limit, reason) in trial.refusals(plan, schedule.width_s, 0):
@@ -117,24 +111,21 @@ def forecast(
         mean_power_w=energy / plan.duration_s,
         max_rate_hz=plan.highest_rate_hz,
         waits_s=tuple(trial.waits_s),
-        temperature=np.array(trial.celsius),
+        highest_temperature=max(trial.celsius, default=None),
     )
 
 
 def _over_dose(plan: Plan, limits: Limits, dose: DoseLimits) -> Iterator[Violation]:
     energy_j = np.cumsum(limits.pulse_energy_j * plan.intensity**2)
-    number = np.arange(1, len(plan) + 1)
     for limit, total, most, unit in (
-        ('dose_pulses', number, dose.pulses, 'pulses'),
+        ('dose_pulses', np.arange(1, len(plan) + 1), dose.pulses, 'pulses'),
         ('dose_energy_j', energy_j, dose.energy_j, 'J'),
     ):
         over = total > most
         if over.any():
-            reason = (
-                f'expected at most {most:g} {unit} in {dose.window_h:g} h, got {total[-1]:.6g}'
-            )
+            why = f'expected at most {most:g} {unit} in {dose.window_h:g} h, got {total[-1]:.6g}'
             time_s = float(plan.onset_ns[over.argmax()]) / NANOSECONDS_PER_SECOND
-            yield Violation(limit, reason, time_s, int(over.sum()))
+            yield Violation(limit, why, time_s, int(over.sum()))
 
 
 class Trial:
@@ -146,7 +137,7 @@ class Trial:
         What was fired before.
     coil : CoilTemperature or None
         The coil as warm as it is.
-    active_ns : int
+    since_ns : int
         When the device was armed, or fired last, on the clock of both [ns].
 
     Attributes
@@ -159,10 +150,8 @@ class Trial:
         Coil temperature after each pulse [Celsius]; empty without thermal figures.
     """
 
-    def __init__(
-        self, limiter: PulseLimiter, coil: CoilTemperature | None, active_ns: int
-    ) -> None:
-        self._limiter, self._coil, self._active_ns = limiter.copied(), copy(coil), active_ns
+    def __init__(self, limiter: PulseLimiter, coil: CoilTemperature | None, since_ns: int) -> None:
+        self._limiter, self._coil, self._active_ns = limiter.copied(), copy(coil), since_ns
         self.limits = limiter.limits
         # a plan has no jitter
         self._limiter.tolerance_ns = 0

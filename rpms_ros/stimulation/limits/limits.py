@@ -124,11 +124,19 @@ class Limits(Bounded):
         return self.pulse_energy_j * intensity * intensity
 
 
+class Refused(StimulationError):
+    """A driver does not do what it was asked to; ``limit`` names the limit or interlock."""
+
+    def __init__(self, limit: str, reason: str) -> None:
+        super().__init__(reason)
+        self.limit = limit
+
+
 class LedgerError(StimulationError):
     """A pulse cannot be put on the account, so it must not be fired."""
 
 
-class DoseExceeded(LedgerError):
+class DoseExceeded(LedgerError, Refused):
     """A pulse would be more than the patient may get.
 
     Attributes
@@ -138,8 +146,7 @@ class DoseExceeded(LedgerError):
     """
 
     def __init__(self, limit: str, fault: str) -> None:
-        super().__init__(f'{limit}: {fault}')
-        self.limit = limit
+        Refused.__init__(self, limit, f'{limit}: {fault}')
 
 
 class BookedPulse(NamedTuple):
@@ -294,8 +301,7 @@ class PulseLimiter:
         else:
             due = self._due_ns(intensity)[0]
             # what was booked against the limit leaves no debt to the next one
-            early = time_ns < due - self.tolerance_ns
-            self.counted_ns = time_ns if early else max(time_ns, due)
+            self.counted_ns = time_ns if time_ns < due - self.tolerance_ns else max(time_ns, due)
         self.train_pulses += 1
         self.session_pulses += 1
         self.book_more(time_ns, energy_j)

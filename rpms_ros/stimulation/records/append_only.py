@@ -138,10 +138,8 @@ class Chain:
         self.hash = content['hash']
         return content
 
-    def _fault(self, line: int, expected: str) -> ChainError:
-        return ChainError(
-            self.path, line, f'{expected}, got a line that is not record {self.count}'
-        )
+    def _fault(self, line: int, said: str) -> ChainError:
+        return ChainError(self.path, line, f'{said}, got a line that is not record {self.count}')
 
 
 def encoded(content: Mapping[str, Any], previous: str) -> tuple[bytes, str]:
@@ -153,12 +151,10 @@ def encoded(content: Mapping[str, Any], previous: str) -> tuple[bytes, str]:
         If the content cannot be written as JSON.
     """
     try:
-        text = json.dumps(
-            {**content, 'previous': previous}, separators=(',', ':'), allow_nan=False
-        )
+        raw = json.dumps({**content, 'previous': previous}, separators=(',', ':'), allow_nan=False)
     except (TypeError, ValueError, RecursionError) as fault:
         raise StimulationError(f'expected a record that JSON can hold, got {fault}') from fault
-    body = text.encode('ascii')
+    body = raw.encode('ascii')
     digest = hashlib.sha256(body).hexdigest()
     return body[:-1] + f',"hash":"{digest}"}}\n'.encode('ascii'), digest
 
@@ -168,8 +164,7 @@ def decoded(line: bytes, previous: str) -> dict[str, Any] | None:
     tail = _TAIL.search(line)
     if tail is None or tail[1].decode('ascii') != previous:
         return None
-    body = line[: tail.end(1) + 1] + b'}'
-    if hashlib.sha256(body).hexdigest() != tail[2].decode('ascii'):
+    if hashlib.sha256(line[: tail.end(1) + 1] + b'}').hexdigest() != tail[2].decode('ascii'):
         return None
     try:
         content = json.loads(line)
@@ -187,8 +182,7 @@ def _explains(found: Mapping[str, Any] | None, cut: bytes) -> bool:
 
 def utc(wall_ns: int) -> str:
     """Return a time of the wall clock [ns] as text, to the microsecond."""
-    since = timedelta(microseconds=wall_ns // 1000)
-    moment = datetime(1970, 1, 1, tzinfo=UTC) + since
+    moment = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=wall_ns // 1000)
     return moment.isoformat(timespec='microseconds').replace('+00:00', 'Z')
 
 
@@ -235,8 +229,7 @@ class ChainedFile:
         read: Callable[[Record], object] = bool,
         begin: Mapping[str, Any] | None = None,
     ) -> None:
-        self.path = path
-        self.torn = b''
+        self.path, self.torn = path, b''
         self._clocks = clocks if clocks is not None else Clocks()
         self._boot_id = self._clocks.boot_id()
         self._lock = threading.Lock()
@@ -250,8 +243,7 @@ class ChainedFile:
             self._size = os.fstat(self._file).st_size
             self._mend(chain, read)
             if self._count == 0:
-                first = {'purpose': purpose, **(begin or {}), **explanation(self.torn)}
-                self.append(BEGIN, first)
+                self.append(BEGIN, {'purpose': purpose, **(begin or {}), **explanation(self.torn)})
                 _sync_folder(path.parent)
             elif self.torn:
                 self.append(TORN, explanation(self.torn))
@@ -397,11 +389,6 @@ class Audit:
     line: int
     torn: int
     hash: str
-
-    @property
-    def intact(self) -> bool:
-        """Whether every record fits."""
-        return not self.fault
 
 
 def verify_log(path: Path, purpose: str | None = AUDIT_LOG) -> Audit:

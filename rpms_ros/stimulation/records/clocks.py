@@ -45,8 +45,7 @@ def slept_ns() -> int:
 
     A thread that waits between the two readings makes it smaller, never larger.
     """
-    boot_ns = _since_boot_ns()
-    return boot_ns - time.monotonic_ns()
+    return _since_boot_ns() - time.monotonic_ns()
 
 
 @dataclass(frozen=True)
@@ -91,8 +90,7 @@ class Clocks:
         """
         if boot_id == self.boot_id():
             return max(0, self.boot_ns() - boot_ns)
-        certain = self.boot_ns()
-        now = self.wall_ns()
+        certain, now = self.boot_ns(), self.wall_ns()
         if min(now, wall_ns) < EARLIEST_WALL_NS:
             return certain
         return max(certain, now - wall_ns)

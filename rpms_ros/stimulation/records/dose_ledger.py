@@ -255,13 +255,11 @@ class MemoryLedger:
     def __init__(
         self, dose: DoseLimits | None = None, clock: Callable[[], int] = time.monotonic_ns
     ) -> None:
-        self._dose = dose
-        self._clock = clock
+        self._dose, self._clock = dose, clock
         self._writing, self._counting = threading.Lock(), threading.Lock()
         self._entries: deque[_Entry] = deque()
         self._open: dict[int, _Entry] = {}
-        self._numbers = 0
-        self._pulses = 0
+        self._numbers = self._pulses = 0
         self._energy_j = 0.0
 
     def history(self, now_monotonic_ns: int) -> tuple[BookedPulse, ...]:
@@ -431,8 +429,7 @@ class DoseLedger(MemoryLedger):
     ) -> None:
         self._clocks = clocks if clocks is not None else Clocks()
         super().__init__(dose, self._clocks.monotonic_ns)
-        hours = max(24.0, dose.window_h if dose is not None else 0.0)
-        horizon = nanoseconds(hours * 3600.0)
+        horizon = nanoseconds(3600.0 * max(24.0, dose.window_h if dose is not None else 0.0))
         self.device, self.patient = device, patient
         self._session = secrets.token_hex(4)
         self._batches = 0

@@ -129,8 +129,7 @@ def schedule_from_mapping(content: object) -> Schedule:
     """
     document = as_mapping(content, '')
     refuse_unknown(document, ['name', 'segments', *bounded_names(Schedule)], '')
-    named = {'name': 'schedule', **document}
-    name = read_text(named, 'name', '', LONGEST_NAME)
+    name = read_text({'name': 'schedule', **document}, 'name', '', LONGEST_NAME)
     segments = _segments(document.get('segments'), 'segments', 0)
     return build(Schedule, document, '', segments, name=name)
 
@@ -179,8 +178,7 @@ def _segments(content: object, place: str, depth: int) -> tuple[Segment | Repeat
 
 def _segment(content: object, place: str, depth: int) -> Segment | Repeat:
     mapping = as_mapping(content, place)
-    kind = mapping.get('kind')
-    if kind == 'repeat':
+    if mapping.get('kind') == 'repeat':
         refuse_unknown(mapping, ['kind', 'segments', 'times'], place)
         inner = _segments(mapping.get('segments'), join(place, 'segments'), depth + 1)
         return build(Repeat, mapping, place, inner)

@@ -9,6 +9,7 @@ fault is named by its place, as in ``segments[2].rate_hz``.
 
 import math
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import MISSING, dataclass, field, fields
 from typing import Any, TypeVar
 
@@ -78,22 +79,16 @@ class Bound:
         return tuple(self._number(item, f'{place}[{i}]') for i, item in enumerate(value))
 
     def _number(self, value: object, place: str) -> float | int:
-        number = _number(value)
+        # a text is not a number
+        number = math.nan
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            with suppress(OverflowError):
+                number = float(value)
         # written so that NaN is outside
         inside = self.low <= number <= self.high and not (self.above and number == self.low)
         if not inside or (self.whole and number != int(number)):
             raise DescriptionError(place, f'expected {self}, got {shown(value)}')
         return int(number) if self.whole else number
-
-
-def _number(value: object) -> float:
-    """Return a number, NaN for what is none; a text is not a number."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return math.nan
-    try:
-        return float(value)
-    except OverflowError:
-        return math.nan
 
 
 def bounded(bound: Bound, default: Any = MISSING) -> Any:
@@ -124,13 +119,11 @@ class Bounded:
                 object.__setattr__(self, entry.name, value)
 
 
-def as_mapping(content: object, place: str) -> Mapping[str, object]:
-    """Return ``content`` if it is a mapping with text keys."""
-    if not isinstance(content, Mapping) or not all(isinstance(key, str) for key in content):
-        raise DescriptionError(
-            place, f'expected a mapping of names to values, got {shown(content)}'
-        )
-    return content
+def as_mapping(given: object, place: str) -> Mapping[str, object]:
+    """Return ``given`` if it is a mapping with text keys."""
+    if not isinstance(given, Mapping) or not all(isinstance(key, str) for key in given):
+        raise DescriptionError(place, f'expected a mapping of names to values, got {shown(given)}')
+    return given
 
 
 def refuse_unknown(content: Mapping[str, object], known: list[str], place: str) -> None:

@@ -46,9 +46,7 @@ def paper_sinusoid(
 
     The paper has no catch pulses among it; see `Gradual`.
     """
-    segment = Sinusoid(
-        rate_hz=rate_hz, duration_s=duration_s, period_s=period_s, catch_share=catch_share
-    )
+    segment = Sinusoid(rate_hz, duration_s, period_s=period_s, catch_share=catch_share)
     return Schedule((segment,), name=Sinusoid.kind, seed=seed)
 
 
@@ -61,9 +59,7 @@ def staircase(
 ) -> Schedule:
     """Return levels of ``step_s`` seconds each, one after another."""
     length = step_s * max(1, len(levels))
-    segment = Staircase(
-        rate_hz=rate_hz, duration_s=length, levels=tuple(levels), catch_share=catch_share
-    )
+    segment = Staircase(rate_hz, length, levels=tuple(levels), catch_share=catch_share)
     return Schedule((segment,), name=Staircase.kind, seed=seed)
 
 
@@ -84,10 +80,7 @@ REST = Pause(1.0)
 
 
 def twitches(
-    intensities: tuple[float, ...] = TWITCH_INTENSITIES,
-    repetitions: int = 10,
-    interval_s: float = 1.0,
-    seed: int = 0,
+    intensities: tuple[float, ...] = TWITCH_INTENSITIES, repetitions: int = 10, seed: int = 0
 ) -> Schedule:
     """Return single pulses at several intensities, in an order that does not follow fatigue.
 
@@ -97,8 +90,6 @@ def twitches(
         Shares of the maximum.
     repetitions : int
         Pulses at each intensity.
-    interval_s : float
-        Time from one pulse to the next [s]; a twitch takes half a second to die away.
     seed : int
         Of the order.
 
@@ -111,11 +102,9 @@ def twitches(
         raise StimulationError(
             f'expected intensities and repetitions, got {len(intensities)} and {repetitions}'
         )
-    if interval_s < 0.5:
-        raise StimulationError(f'expected an interval of at least 0.5 s, got {interval_s}')
     check_seed(seed, StimulationError)
     order = np.random.default_rng(seed).permutation(np.repeat(intensities, repetitions))
-    pulses: list[Segment] = [Single(float(level), interval_s) for level in order]
+    pulses: list[Segment] = [Single(float(level)) for level in order]
     return Schedule((REST, *pulses), name='twitches', seed=seed)
 
 
@@ -175,6 +164,5 @@ def recruitment(
 def muscle(seed: int = 0) -> Schedule:
     """Return twitches, trains and staircases, one after another: the whole of Sec. 2."""
     parts = (twitches(seed=seed), trains(), recruitment())
-    return Schedule(
-        tuple(segment for part in parts for segment in part.segments), name='muscle', seed=seed
-    )
+    segments = tuple(segment for part in parts for segment in part.segments)
+    return Schedule(segments, name='muscle', seed=seed)

@@ -90,24 +90,11 @@ LONGEST_NAME = 64
 
 
 @dataclass(frozen=True)
-class Repeat(Bounded):
-    """Segments that are given several times in a row.
-
-    Attributes
-    ----------
-    times : int
-        How often.
-    segments : tuple of Segment or Repeat
-        What is repeated; random segments without a seed of their own differ each time.
-    """
+class _Row(Bounded):
+    """Segments in a row, once or several times; nothing is worked out to count them."""
 
     segments: tuple['Segment | Repeat', ...]
-    times: int = bounded(Bound(1, 100_000, whole=True), 2)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not self.segments:
-            raise StimulationError('expected at least one segment to repeat, got none')
+    times: ClassVar[int] = 1
 
     @cached_property
     def pulse_count(self) -> int:
@@ -124,6 +111,26 @@ class Repeat(Bounded):
         """Number of segments that it unrolls to."""
         inner = (item.pieces if isinstance(item, Repeat) else 1 for item in self.segments)
         return self.times * sum(inner)
+
+
+@dataclass(frozen=True)
+class Repeat(_Row):
+    """Segments that are given several times in a row.
+
+    Attributes
+    ----------
+    times : int
+        How often.
+    segments : tuple of Segment or Repeat
+        What is repeated; random segments without a seed of their own differ each time.
+    """
+
+    times: int = bounded(Bound(1, 100_000, whole=True), 2)  # type: ignore[misc]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.segments:
+            raise StimulationError('expected at least one segment to repeat, got none')
 
 
 @dataclass(frozen=True)
@@ -163,7 +170,7 @@ class Plan:
 
 
 @dataclass(frozen=True)
-class Schedule(Bounded):
+class Schedule(_Row):
     """Segments in a row.
 
     Attributes
@@ -178,7 +185,6 @@ class Schedule(Bounded):
         Duration of every pulse [s].
     """
 
-    segments: tuple[Segment | Repeat, ...]
     name: str = 'schedule'
     seed: int = bounded(Bound(0, 2**53, whole=True), 0)
     width_s: float = bounded(Bound(1e-6, 0.01, 's'), MAGNETIC_PULSE_WIDTH)
@@ -193,24 +199,13 @@ class Schedule(Bounded):
             )
         if not self.segments:
             raise StimulationError('expected at least one segment, got none')
-        pieces = Repeat(self.segments, 1)
         for what, value, most in (
-            ('pulses', pieces.pulse_count, MOST_PULSES),
-            ('segments after unrolling', pieces.pieces, MOST_PULSES),
-            ('seconds', pieces.length_s, LONGEST_S),
+            ('pulses', self.pulse_count, MOST_PULSES),
+            ('segments after unrolling', self.pieces, MOST_PULSES),
+            ('seconds', self.length_s, LONGEST_S),
         ):
             if value > most:
                 raise StimulationError(f'expected at most {most:g} {what}, got {value:g}')
-
-    @property
-    def pulse_count(self) -> int:
-        """Number of pulses, without working them out."""
-        return sum(segment.pulse_count for segment in self.segments)
-
-    @property
-    def length_s(self) -> float:
-        """Length of the schedule [s]."""
-        return sum(segment.length_s for segment in self.segments)
 
     @cached_property
     def plan(self) -> Plan:

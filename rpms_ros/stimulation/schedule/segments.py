@@ -160,8 +160,7 @@ class Staircase(Gradual):
         """Return the level of the step that each onset falls into."""
         # a pulse due exactly at an edge belongs to the step that begins there, rounding or not
         step = np.floor(onset_s / self.duration_s * len(self.levels) + _PERIOD_SLACK)
-        last = len(self.levels) - 1
-        return np.asarray(self.levels)[np.minimum(step.astype(np.int64), last)]
+        return np.asarray(self.levels)[np.minimum(step.astype(np.int64), len(self.levels) - 1)]
 
 
 @dataclass(frozen=True)
