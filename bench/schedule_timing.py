@@ -95,7 +95,7 @@ def report(asked, given, status, arguments):
     print(
         f'{rate:g} Hz for {arguments.duration:g} s at {arguments.baud:g} baud, '
         f'{arguments.load} busy processes, '
-        f'load average {os.getloadavg()[0]:.1f}, priority {arguments.priority}: '
+        f'load average {os.getloadavg()[0]:.1f}: '
         f'{len(given)} of {total} pulses delivered, {status.pulses_dropped} dropped as late'
     )
     print(f'  the driver says: {status.reason}')
