@@ -4,9 +4,10 @@
 
 import argparse
 import inspect
+import math
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, get_type_hints
 
@@ -97,14 +98,15 @@ def add_memory_option(parser: argparse.ArgumentParser) -> None:
 
 
 def _bytes_of_gigabytes(text: str) -> int:
-    """Return a positive number of bytes."""
-    try:
-        size = int(float(text) * 1e9)
-    except (ValueError, OverflowError):
-        size = 0
-    if size <= 0:
-        raise argparse.ArgumentTypeError(f'expected a number of GB above 0, got {text!r}')
-    return size
+    return int(_positive(text, 'GB') * 1e9)
+
+
+def _positive(text: str, unit: str = 'N') -> float:
+    """Return a number above 0."""
+    with suppress(ValueError):
+        if 1e-9 <= (value := float(text)) < math.inf:
+            return value
+    raise argparse.ArgumentTypeError(f'expected a number of {unit} above 0, got {text!r}')
 
 
 def add_reading_options(parser: argparse.ArgumentParser) -> None:
@@ -178,7 +180,7 @@ def add_simulation_options(group: 'argparse._ActionsContainer', scenario: str) -
 def add_verdict_option(parser: argparse.ArgumentParser) -> None:
     """Add what the verdict takes for granted."""
     text = 'force that this muscle can have at most [N]; more is taken for a wrong unit'
-    add_option(parser, '--expected-force N', 200.0, text)
+    add_option(parser, '--expected-force N', 200.0, text, type=_positive)
 
 
 def verdict_code(grade: str, recording: 'Recording') -> int:

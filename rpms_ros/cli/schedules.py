@@ -63,7 +63,7 @@ def built(name: str, arguments: argparse.Namespace) -> 'Schedule':
             given['rates_hz' if several else option] = (value,) if several else value
     for option in given.keys() - taken.keys():
         shown = option.partition('_')[0]
-        raise StimulationError(f'expected no --{shown} with {name}, got {given[option]}')
+        raise StimulationError(f'expected no --{shown} with {name}, got {given[option] or 0}')
     schedule: Schedule = maker(**given)
     return schedule
 

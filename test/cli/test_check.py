@@ -42,8 +42,9 @@ def test_slow_protocols_have_catch_pulses(written, rpms, tmp_path):
         (segment,) = load_schedule(written(name)).segments
         assert segment.catch_share == 0.1
     out = str(tmp_path / 'constant.yaml')
-    code, _, err = rpms('protocol', 'constant', '--catch', '0.2', '--out', out)
-    assert (code, err) == (2, 'rpms: error: expected no --catch with constant, got 0.2\n')
+    for share in ('0.2', '0'):
+        code, _, err = rpms('protocol', 'constant', '--catch', share, '--out', out)
+        assert (code, err) == (2, f'rpms: error: expected no --catch with constant, got {share}\n')
 
 
 def test_json_is_one_object_with_its_keys(written, rpms):
