@@ -327,8 +327,7 @@ class Contraction:
 
     def _elapsed(self, time_ns: IntArray) -> FloatArray:
         """Return seconds from the start of the session."""
-        elapsed: FloatArray = (time_ns - self._start_ns) / NANOSECONDS_PER_SECOND
-        return elapsed
+        return (time_ns - self._start_ns) / NANOSECONDS_PER_SECOND
 
     def _scripted(self, first: int, end: int) -> FloatArray:
         """Return T_a / T_a(rest) and gain of the cells from `first` to `end` (cells, 2)."""

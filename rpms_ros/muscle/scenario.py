@@ -61,8 +61,7 @@ class _HalfSine:
         since = _since(time, self.at, self.every)
         inside = (since >= 0.0) & (since < self.duration)
         wave = np.where(inside, np.sin(math.pi * since / self.duration), 0.0)
-        force: FloatArray = self.peak * wave**self.POWER
-        return force
+        return self.peak * wave**self.POWER
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -86,8 +86,7 @@ class Subject:
         """
         area = twitch_area(self.time_constant, self.order)
         mean = np.asarray(rate_hz, dtype=np.float64) * area
-        force: FloatArray = self.pulse_weight(intensity, rate_hz) * mean
-        return force
+        return self.pulse_weight(intensity, rate_hz) * mean
 
 
 def average_subject(modality: Modality = Modality.MAGNETIC) -> Subject:

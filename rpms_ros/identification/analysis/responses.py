@@ -370,8 +370,7 @@ def near_pulses(stamp_ns: IntArray, onset_ns: IntArray, sample_period: float) ->
     margin = nanoseconds(1.5 * sample_period)
     latest = np.searchsorted(onset_ns, stamp_ns + margin, side='right') - 1
     since = stamp_ns - onset_ns[np.maximum(latest, 0)]
-    touched: BoolArray = (latest >= 0) & (since < BLANKING * NANOSECONDS_PER_SECOND)
-    return touched
+    return (latest >= 0) & (since < BLANKING * NANOSECONDS_PER_SECOND)
 
 
 def without_artifacts(trace: CleanTrace, onset_ns: IntArray) -> CleanTrace:

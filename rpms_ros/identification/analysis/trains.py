@@ -304,8 +304,7 @@ def fit_scaled(response: Response, shape: TrainShape) -> TrainFit:
     def residual(theta: FloatArray) -> FloatArray:
         part = shape(*theta)[response.usable]
         gain, base = _line(part, force)
-        misfit: FloatArray = force - (base + gain * part)
-        return misfit
+        return force - (base + gain * part)
 
     def cost(theta: FloatArray) -> float:
         return float(np.sum(residual(theta) ** 2))

@@ -288,8 +288,7 @@ class TwitchFits:
 
     def column(self, column: int, order: int) -> FloatArray:
         """Return one column of the table at one order (twitches,)."""
-        values: FloatArray = self.table[:, self.orders.index(order), column]
-        return values
+        return self.table[:, self.orders.index(order), column]
 
     def least_error(self, order: int) -> FloatArray:
         """Return E_min of Eq. (3), the squared error in squared peaks (twitches,)."""

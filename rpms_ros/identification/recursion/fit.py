@@ -210,5 +210,4 @@ def _inflate_parameters(covariance: FloatArray, prior: Prior, factor: float) -> 
     most = np.maximum(prior.deviation / np.maximum(deviation, 1e-300), 1.0)
     scale = np.ones(len(covariance))
     scale[:PARAMETERS] = np.minimum(np.sqrt(factor), most)
-    result: FloatArray = covariance * np.outer(scale, scale)
-    return result
+    return covariance * np.outer(scale, scale)

@@ -597,8 +597,7 @@ def no_overlap(onset_ns: IntArray, stamp_ns: IntArray) -> str | None:
 
 def outside_shares(intensity: FloatArray) -> BoolArray:
     """Return which intensities (pulses,) are no share of the maximum, NaN included."""
-    outside: BoolArray = ~((intensity >= 0.0) & (intensity <= 1.0))
-    return outside
+    return ~((intensity >= 0.0) & (intensity <= 1.0))
 
 
 def range_outside(intensity: FloatArray) -> str:
