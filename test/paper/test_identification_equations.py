@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from rpms_ros.identification import TABLE_4, DistortedSineBasis, ModifiedRecursiveLM
+from rpms_ros.identification.model.settings import BOUNDS
 from rpms_ros.identification.recursion.paper_kernel import RecursionState, _judge, _update_linear
 from rpms_ros.muscle import (
     Contraction,
@@ -63,7 +64,8 @@ def step_of(settings, before, after, stamp_ns, force, prediction):
     damping += settings.damping_increment if condition > settings.condition_limit else 0.0
     update = np.linalg.solve(after.hessian + damping * np.eye(3), gradient)
     # whether the bounds leave the step alone
-    inside = settings.bounds.hold(RecruitmentParameters(*(theta[:3] + update)))
+    moved, (low, high) = theta[:3] + update, np.transpose(list(BOUNDS.values()))
+    inside = (low <= moved).all() and (moved <= high).all() and moved[1] - moved[0] >= 0.05
     return SimpleNamespace(**locals())
 
 

@@ -297,19 +297,16 @@ def recompute_response(
 
 @numba.njit(cache=True)
 def begin_block(
-    blocks: BlockStatistics,
-    chains: FloatArray,
-    start_ns: int,
-    intensity: float,
-    push: float,
-    rate: float,
-    fresh: bool,
+    memory: Memory, start_ns: int, intensity: float, push: float, rate: float, fresh: bool
 ) -> None:
     """Begin a block with a pulse, which adds `push` times its recruitment to the states.
 
     `rate` is 2 p [1/s]; a fresh block begins with zero states.
     """
+    blocks, chains = memory.blocks, memory.chains
     here = open_block(blocks, start_ns, intensity, push, rate, fresh)
+    if fresh:
+        chains[:] = 0.0
     values = np.empty(len(chains))
     interpolate(intensity, values)
     for knot in range(len(chains)):
@@ -339,10 +336,10 @@ def take(
     carried: PredictionState,
     level: float,
     rate: float,
-    prediction: FloatArray,
-) -> None:
-    """Add samples (samples,) to the block; write the a-priori prediction of each."""
+) -> FloatArray:
+    """Add samples (samples,) to the block; return the a-priori prediction of each."""
     here = newest(blocks)
+    prediction = np.empty(len(stamp_ns))
     for index in range(len(stamp_ns)):
         stamp = stamp_ns[index]
         tau = 1e-9 * (stamp - blocks.start_ns[here])
@@ -365,6 +362,7 @@ def take(
         carried.squares[0] += error * error
         carried.learnt[0] += 1.0
         add_sample(blocks, here, tau, force[index], carried.values)
+    return prediction
 
 
 @numba.njit(cache=True)

@@ -45,17 +45,9 @@ def filled(generator, blocks=60) -> tuple[Memory, np.ndarray]:
     force = generator.normal(size=len(stamps))
     usable = np.ones(BLOCK, dtype=np.bool_)
     for index in range(blocks):
-        begin_block(
-            memory.blocks,
-            memory.chains,
-            onset[index],
-            intensity[index],
-            BASIS.input_gain,
-            RATE,
-            index == 0,
-        )
+        begin_block(memory, onset[index], intensity[index], BASIS.input_gain, RATE, index == 0)
         part = slice(index * BLOCK, (index + 1) * BLOCK)
-        take(stamps[part], force[part], usable, memory.blocks, carried, 0.0, RATE, np.empty(BLOCK))
+        take(stamps[part], force[part], usable, memory.blocks, carried, 0.0, RATE)
         add_block(memory, newest(memory.blocks))
     weight = np.empty((blocks, KNOTS))
     for row, value in zip(weight, intensity, strict=True):
