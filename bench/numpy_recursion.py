@@ -10,12 +10,9 @@ reference of the kernel's test.
 import numpy as np
 
 from rpms_ros.identification import RecursiveSettings
+from rpms_ros.identification.model.recruitment import recruitment_curve
 from rpms_ros.identification.model.settings import BOUNDS
-from rpms_ros.muscle.recruitment import (
-    SMALLEST_SEPARATION,
-    RecruitmentParameters,
-    identified_recruitment_with_gradient,
-)
+from rpms_ros.muscle.recruitment import SMALLEST_SEPARATION
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray
 
 LARGEST_COVARIANCE = 1e10
@@ -111,4 +108,6 @@ class NumpyRecursion:
 
     @staticmethod
     def _recruitment(theta: FloatArray, intensity: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return identified_recruitment_with_gradient(RecruitmentParameters(*theta), intensity)
+        rho, slopes = recruitment_curve(intensity, theta)
+        slopes[:, 2:] /= theta[2:]
+        return rho, slopes

@@ -202,14 +202,8 @@ class FieldAnalysis:
 
 # theta is ln A, relative to the greatest measured force, and these.
 _NAMES = (
-    'threshold',
-    'saturation',
-    'threshold_slope',
-    'saturation_slope',
-    'rate_saturation',
-    'rate_slope',
-    'rate_offset',
-    'zero_offset',
+    *('threshold', 'saturation', 'threshold_slope', 'saturation_slope'),
+    *('rate_saturation', 'rate_slope', 'rate_offset', 'zero_offset'),
 )
 CENTRE = np.array(
     [0.0, 0.48, 0.98, np.log(5.0), np.log(4.0), 25.0, np.log(0.05), -0.321 / 0.0597, 0.0]

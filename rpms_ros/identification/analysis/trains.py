@@ -219,7 +219,7 @@ def analyze_trains(
     responses: Sequence[Response],
     order: int,
     rejected: Mapping[str, int] | None = None,
-    progress: Progress | None = None,
+    progress: Progress = lambda *_: None,
 ) -> SummationAnalysis:
     """Fit superposed twitches of one order to trains (at least one).
 
@@ -231,20 +231,18 @@ def analyze_trains(
         Order of the twitch.
     rejected : mapping of str to int, optional
         Trains that did not qualify, by reason.
-    progress : callable, optional
+    progress : callable
         Called with the number of trains done and of all.
     """
     equal, gains = [], []
     for index, response in enumerate(responses):
         equal.append(fit_train(response, order))
         gains.append(fit_gains(response, order, equal[-1]))
-        if progress is not None:
-            progress(index + 1, len(responses))
+        progress(index + 1, len(responses))
     counts = np.array([len(response.onset) for response in responses])
     # judged on the longest, if shorter ones suffice for a fit
     judged = counts == counts.max()
-    if not (counts[~judged] >= _LEAST_PULSES).any():
-        judged[:] = False
+    judged &= bool((counts[~judged] >= _LEAST_PULSES).any())
     law = None
     if (counts[~judged] >= _LEAST_PULSES).any():
         taught = np.flatnonzero(~judged)

@@ -347,7 +347,7 @@ def _fit_one(lag: FloatArray, force: FloatArray, orders: IntArray, row: FloatArr
 
 
 def fit_twitches(
-    responses: Sequence[Response], orders: tuple[int, ...], progress: Progress | None = None
+    responses: Sequence[Response], orders: tuple[int, ...], progress: Progress = lambda *_: None
 ) -> TwitchFits:
     """Fit every response to a single pulse at every order.
 
@@ -357,7 +357,7 @@ def fit_twitches(
         Twitches.
     orders : tuple of int
         Orders.
-    progress : callable, optional
+    progress : callable
         Called with the number of twitches done and of all.
     """
     table = np.zeros((len(responses), len(orders), 6))
@@ -371,8 +371,7 @@ def fit_twitches(
     with ThreadPoolExecutor(_WORKERS) as pool:
         for index, found in enumerate(pool.map(fit, range(len(responses)))):
             free[index] = found
-            if progress is not None:
-                progress(index + 1, len(responses))
+            progress(index + 1, len(responses))
     intensity = np.array([item.intensity for item in responses])
     samples = np.array([int(item.usable.sum()) for item in responses], dtype=np.int64)
     return TwitchFits(orders, intensity, samples, table, free)

@@ -178,13 +178,7 @@ def _constants(settings: RecursiveSettings) -> RecursionConstants:
             [basis.tap * NANOSECONDS_PER_SECOND, float(basis.memory_taps), basis.form_factor]
         ),
         mixing=np.ascontiguousarray(basis.mixing),
-        force_scale=settings.force_scale,
-        forgetting=settings.forgetting,
-        damping_factor=settings.damping_factor,
-        gain_ratio_margin=settings.gain_ratio_margin,
-        condition_limit=settings.condition_limit,
-        damping_increment=settings.damping_increment,
-        projected=settings.projected,
+        **{name: getattr(settings, name) for name in RecursionConstants._fields[2:]},
     )
 
 

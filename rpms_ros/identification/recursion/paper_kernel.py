@@ -100,7 +100,7 @@ class RecursionState(NamedTuple):
 
 
 class RecursionConstants(NamedTuple):
-    """Constants: the basis and the design parameters of Tables 4 and 5."""
+    """Constants: the basis, and design parameters of `RecursiveSettings` by their names there."""
 
     shape: FloatArray
     mixing: FloatArray

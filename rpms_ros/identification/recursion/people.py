@@ -166,13 +166,7 @@ class ResidualSpread:
         self._kept = np.zeros(3)
 
     def take(
-        self,
-        start_ns: int,
-        seconds: float,
-        residual: float,
-        samples: float,
-        recruitment: float,
-        kept: float,
+        self, start_ns: int, seconds: float, error: float, samples: float, rho: float, kept: float
     ) -> None:
         """Add a block.
 
@@ -182,12 +176,12 @@ class ResidualSpread:
             Its start [ns].
         seconds : float
             The time that its samples cover.
-        residual : float
+        error : float
             Sum of its residuals [N].
         samples : float
             Number of its samples.
-        recruitment : float
-            Of its pulse.
+        rho : float
+            Recruitment of its pulse.
         kept : float
             Factor on the weights of earlier blocks.
         """
@@ -198,20 +192,18 @@ class ResidualSpread:
                     self._total[place] += self._sum[place] ** 2 / self._count[place]
                     self._weight[place] += 1.0
                 self._cell[place] = cell
-                self._sum[place] = 0.0
-                self._count[place] = 0.0
-        self._sum += residual
+                self._sum[place] = self._count[place] = 0.0
+        self._sum += error
         self._count += samples
         self._total *= kept
         self._weight *= kept
         self._kept *= kept
-        self._kept += (samples, seconds, recruitment**2)
+        self._kept += (samples, seconds, rho**2)
 
     def forget(self) -> None:
         """Forget all earlier blocks."""
-        self._total[:] = 0.0
-        self._weight[:] = 0.0
-        self._kept[:] = 0.0
+        for sums in (self._total, self._weight, self._kept):
+            sums[:] = 0.0
 
     @property
     def sums(self) -> ResidualSums:
@@ -303,9 +295,8 @@ class FixedSizeRecursion:
         self._memory.blocks.size[0] = 0
         self._fresh = True
         self._stepped_ns = None
-        self._prediction.error_energy[0] = 0.0
-        self._prediction.force_energy[0] = 0.0
-        self._prediction.squares[0] = 0.0
+        carried = self._prediction
+        carried.error_energy[0] = carried.force_energy[0] = carried.squares[0] = 0.0
         self._test.interrupt()
 
     def update(self, stamp_ns: IntArray, force: FloatArray, usable: BoolArray) -> FloatArray:

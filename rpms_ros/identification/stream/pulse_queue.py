@@ -159,15 +159,19 @@ class PulseQueue:
         self._memory_ns = memory_ns
         self._pulse_look_ahead_ns = pulse_look_ahead_ns
         self._counter = counter
+        self._begun_ns: int | None = None
+        self._last_sequence: int | None = None
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget everything but the sequence number: the clock has jumped."""
         self._arrived: list[PulseTrain] = []
         self._ordered = PulseTrain.of([])
         self._far = FarPulses()
         self._room = PulseRoom(MOST_IN_A_SECOND)
-        self._begun_ns: int | None = None
-        self._last_onset_ns: int | None = None
-        self._last_sequence: int | None = None
-        self._last_restart_ns = LONG_AGO
         self._unknown: list[tuple[int, int]] = []
+        self._last_onset_ns: int | None = None
+        self._last_restart_ns = LONG_AGO
 
     def add(self, pulses: PulseTrain, newest_ns: int | None = None) -> None:
         """Add pulses, in any order, none too late.
@@ -239,16 +243,6 @@ class PulseQueue:
             else:
                 start_ns, end_ns = min(start, start_ns), max(end, end_ns)
         self._unknown = [*apart, (start_ns, end_ns)]
-
-    def restart(self) -> None:
-        """Forget everything but the sequence number: the clock has jumped."""
-        self._arrived = []
-        self._ordered = PulseTrain.of([])
-        self._far = FarPulses()
-        self._room = PulseRoom(MOST_IN_A_SECOND)
-        self._unknown = []
-        self._last_onset_ns = None
-        self._last_restart_ns = LONG_AGO
 
     def _merge_arrived(self) -> None:
         if self._arrived:
