@@ -33,8 +33,7 @@ SMALLEST_SEPARATION = 0.05
 
 
 def _pools(u: FloatArray, threshold: FloatArray, saturation: FloatArray) -> FloatArray:
-    low: FloatArray = expit((u - threshold) / 0.025)
-    return 0.55 * low + 0.45 * expit((u - saturation + 0.15) / 0.03)
+    return 0.55 * expit((u - threshold) / 0.025) + 0.45 * expit((u - saturation + 0.15) / 0.03)
 
 
 OTHER_SHAPES: dict[str, Callable[[FloatArray, FloatArray, FloatArray], FloatArray]] = {

@@ -350,8 +350,7 @@ def find_artifacts(trace: CleanTrace, onset_ns: IntArray) -> Artifacts:
         standing = force - scipy.ndimage.median_filter(force, _MEDIAN_SPAN, mode='nearest')
         best = int(np.argmax(standing))
         if standing[best] > least:
-            moment = trace.stamp_ns[part.start + best]
-            offset[index] = (moment - onset) / NANOSECONDS_PER_SECOND
+            offset[index] = (trace.stamp_ns[part.start + best] - onset) / NANOSECONDS_PER_SECOND
     return _judged(offset, trace.sample_period)
 
 

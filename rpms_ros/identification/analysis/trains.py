@@ -27,7 +27,7 @@ import scipy  # its parts are loaded when they are asked for
 
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.analysis.responses import Response
-from rpms_ros.identification.analysis.twitch_fits import Progress, spread
+from rpms_ros.identification.analysis.twitch_fits import Progress, derivatives, spread
 from rpms_ros.identification.model.summation import HistoryLaw
 from rpms_ros.muscle import twitch
 from rpms_ros.pulses import FloatArray, IntArray
@@ -478,13 +478,7 @@ def fit_deviations(
     # the prior of the law, in its fit relative to the residual divided by the spread of the force
     prior = np.zeros(len(at))
     prior[4:] = float(np.sum(np.square(force - force.mean()))) * _PRIOR**2
-    steps = 1e-4 * np.maximum(np.abs(at), 1e-3)
-    jacobian = np.column_stack(
-        [
-            (model(at + step * unit) - model(at - step * unit)) / (2.0 * step)
-            for step, unit in zip(steps, np.eye(len(at)), strict=True)
-        ]
-    )
+    jacobian = derivatives(model, at, 1e-4 * np.maximum(np.abs(at), 1e-3))
     matrix = jacobian.T @ jacobian + np.diag(prior)
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     inverse = np.diag(np.linalg.pinv(matrix / np.outer(scale, scale))) / scale**2

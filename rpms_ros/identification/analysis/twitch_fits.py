@@ -252,6 +252,7 @@ def coarse_start(lag: FloatArray, force: FloatArray, order: float) -> FloatArray
 
 Progress = Callable[[int, int], None]
 
+# Columns of the table, in the order in which `_fit_one` writes them.
 ONSET, CONSTANT, PEAK, BASELINE, ERROR, HELD_OUT = range(6)
 DECISIVE = 10.0
 _STRIDE = 4
@@ -334,12 +335,9 @@ def _fit_one(lag: FloatArray, force: FloatArray, orders: IntArray, row: FloatArr
         start[2] = orders[index]
         fit = shared_fit(lag, force, starts, start, 2)
         theta = np.array([fit.theta[0], fit.theta[1], start[2]])
-        row[index, ONSET] = theta[0]
-        row[index, CONSTANT] = math.exp(theta[1])
-        row[index, PEAK] = fit.linear[0, 0]
-        row[index, BASELINE] = fit.linear[0, 1]
-        row[index, ERROR] = fit.cost[0]
-        row[index, HELD_OUT] = _held_out(lag, force, theta)
+        peak, base = fit.linear[0]
+        held_out = _held_out(lag, force, theta)
+        row[index] = (theta[0], math.exp(theta[1]), peak, base, fit.cost[0], held_out)
         if fit.cost[0] < best:
             best = fit.cost[0]
             best_theta = theta
@@ -467,3 +465,11 @@ def choose_order(fits: TwitchFits) -> OrderChoice:
 def spread(values: FloatArray) -> float:
     """Return the standard deviation of a sample, NaN for a single value."""
     return float(np.std(values, ddof=1)) if len(values) > 1 else math.nan
+
+
+def derivatives(
+    function: Callable[[FloatArray], FloatArray], at: FloatArray, steps: FloatArray
+) -> FloatArray:
+    """Return the derivatives (values, parameters) of a function, by central differences."""
+    pairs = ((function(at + step), function(at - step)) for step in np.diag(steps))
+    return np.column_stack([above - below for above, below in pairs]) / (2.0 * steps)

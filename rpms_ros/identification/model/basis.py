@@ -259,6 +259,5 @@ def conversion(old: LaguerreBasis, new: LaguerreBasis) -> FloatArray:
     The response of the new coefficients is the projection of the old one.
     """
     step = min(old.time_constant, new.time_constant) / 60.0
-    longest = max(old.duration, new.duration)
-    lag = np.arange(0.5 * step, longest, step)
+    lag = np.arange(0.5 * step, max(old.duration, new.duration), step)
     return step * (new.evaluate(lag).T @ old.evaluate(lag))

@@ -114,16 +114,9 @@ PEOPLE_PRESET = 'people'
 PRESET_NAMES = (PEOPLE_PRESET, *PAPER_PRESETS)
 """Presets that command lines and node parameters accept."""
 
-_FORMER_NAMES = {'table_4': 'paper_table_4', 'table_5': 'paper_table_5'}
-
 
 def check_preset(name: str) -> None:
     """Raise `IdentificationError` unless the name is one of `PRESET_NAMES`."""
-    if name in _FORMER_NAMES:
-        raise IdentificationError(
-            f'expected a preset of {", ".join(PRESET_NAMES)}, got {name!r}, which is now '
-            f'{_FORMER_NAMES[name]} and only reproduces the paper: for people leave it out'
-        )
     if name not in PRESET_NAMES:
         raise IdentificationError(f'expected a preset of {", ".join(PRESET_NAMES)}, got {name!r}')
 

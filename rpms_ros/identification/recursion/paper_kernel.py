@@ -302,8 +302,7 @@ def _bounded(theta: FloatArray, work: Workspace) -> None:
     candidate = work.candidate
     candidate[NONLINEAR] = theta[NONLINEAR]
     for row in range(NONLINEAR):
-        value = theta[row] + work.step[row]
-        candidate[row] = min(max(value, _LOWER[row]), _UPPER[row])
+        candidate[row] = min(max(theta[row] + work.step[row], _LOWER[row]), _UPPER[row])
     candidate[1] = max(candidate[1], candidate[0] + SMALLEST_SEPARATION)
 
 

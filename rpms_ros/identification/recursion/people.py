@@ -419,8 +419,7 @@ class FixedSizeRecursion:
         refresh_variance(memory, prior, fit)
         self._steps += 1
         if self._steps % _CHALLENGE_STEPS == 0:
-            start = self._starts[self._steps // _CHALLENGE_STEPS % len(self._starts)]
-            self._challenge(start)
+            self._challenge(self._starts[self._steps // _CHALLENGE_STEPS % len(self._starts)])
         improve(StepProblem(memory, prior), fit, self._workspace[0], _ONE_STEP, True)
         # The covariance of weighted samples depends on the sum of the squared weights.
         fit.complete[:] = fit.matrix * (memory.samples[0] / memory.squared_samples[0])
@@ -434,8 +433,7 @@ class FixedSizeRecursion:
         other.damping[0] = _START_DAMPING
         if not evaluate(self._memory, self._prior, other):
             return
-        problem = StepProblem(self._memory, self._prior)
-        improve(problem, other, trial, _CHALLENGER_STEPS, True)
+        improve(StepProblem(self._memory, self._prior), other, trial, _CHALLENGER_STEPS, True)
         if other.cost[0] < fit.cost[0] - _CHALLENGER_GAIN * fit.variance[0]:
             accept(fit, other)
             fit.damping[0] = other.damping[0]

@@ -63,16 +63,8 @@ class Window:
             here = slice(int(edges[1]) - self.first, int(edges[2]) - self.first)
             if here.stop > here.start:
                 prediction = None if self.prediction is None else self.prediction[here]
-                yield (
-                    here,
-                    Window(
-                        self.stamp_ns[around],
-                        self.force[around],
-                        edges - edges[0],
-                        self.found[here],
-                        prediction,
-                    ),
-                )
+                samples = self.stamp_ns[around], self.force[around]
+                yield here, Window(*samples, edges - edges[0], self.found[here], prediction)
 
 
 @dataclass(frozen=True)
@@ -106,16 +98,10 @@ class ProcessedSamples:
         for cell in range(len(self.edges) - 1):
             samples, pulses = self.edges[cell : cell + 2], self.pulse_edges[cell : cell + 2]
             here, added = slice(*samples.tolist()), slice(*pulses.tolist())
-            yield ProcessedSamples(
-                self.stamp_ns[here],
-                self.force[here],
-                self.prediction[here],
-                self.usable[here],
-                self.onset_ns[added],
-                self.intensity[added],
-                samples - samples[0],
-                pulses - pulses[0],
-            )
+            learnt = self.prediction[here], self.usable[here]
+            given = self.onset_ns[added], self.intensity[added]
+            edges = samples - samples[0], pulses - pulses[0]
+            yield ProcessedSamples(self.stamp_ns[here], self.force[here], *learnt, *given, *edges)
 
     @cached_property
     def fits(self) -> list[tuple[int, float, float, float]]:
@@ -131,17 +117,11 @@ class ProcessedSamples:
             return []
         prediction = self.prediction[self.usable]
         residual = np.abs(self.force[self.usable] - prediction)
-        return list(
-            zip(
-                count.tolist(),
-                np.sqrt(np.add.reduceat(residual**2, begin) / count).tolist(),
-                np.maximum.reduceat(residual, begin).tolist(),
-                np.subtract(
-                    np.maximum.reduceat(prediction, begin), np.minimum.reduceat(prediction, begin)
-                ).tolist(),
-                strict=True,
-            )
-        )
+        error = np.sqrt(np.add.reduceat(residual**2, begin) / count)
+        largest = np.maximum.reduceat(residual, begin)
+        high, low = (end.reduceat(prediction, begin) for end in (np.maximum, np.minimum))
+        columns = count, error, largest, high - low
+        return list(zip(*(column.tolist() for column in columns), strict=True))
 
 
 class Monitor:

@@ -358,8 +358,7 @@ class Outliers(UsualResiduals):
         beyond = (np.abs(residual) > limit) & ~window.found
         found = np.zeros_like(window.found)
         if beyond.any():
-            stamps = window.stamp_ns[window.first : window.last]
-            self._mark_runs(stamps, residual, beyond, found)
+            self._mark_runs(window.stamp_ns[window.first : window.last], residual, beyond, found)
         else:
             self._begun_ns = None
         self._before = float(residual[-1])

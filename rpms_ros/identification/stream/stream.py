@@ -118,13 +118,9 @@ class ForceIntake:
         self._count = 0
         self.newest_ns: int | None = None
         self._newest_force = 0.0
-        self._alone: tuple[int, float] | None = None
+        # a sample that waits for another one to confirm its stamp
+        self.alone: tuple[int, float] | None = None
         self._out_of_order: deque[int] = deque(maxlen=_DISORDER)
-
-    @property
-    def in_doubt(self) -> bool:
-        """Whether a sample waits for another one to confirm its stamp."""
-        return self._alone is not None
 
     def add(self, forces: ForceTrace) -> None:
         """Add force samples; bad ones are dropped and counted."""
@@ -166,9 +162,9 @@ class ForceIntake:
 
     def drop_alone(self) -> None:
         """Drop the sample whose stamp was not confirmed."""
-        if self._alone is not None:
+        if self.alone is not None:
             self._line.postpone(faults.FORCE_STAMP_ALONE)
-            self._alone = None
+            self.alone = None
 
     def _take(self, stamps: IntArray, values: FloatArray) -> None:
         """Take samples (samples,) of possible values, with stamps of any kind."""
@@ -229,11 +225,11 @@ class ForceIntake:
         Otherwise one wrong stamp would count as two jumps of the clock.  Returns whether
         `stamp_ns` confirms the sample that is waiting alone; if not, it waits in its place.
         """
-        if self._alone is None or not 0 < stamp_ns - self._alone[0] <= GAP_NS:
+        if self.alone is None or not 0 < stamp_ns - self.alone[0] <= GAP_NS:
             self.drop_alone()
-            self._alone = (stamp_ns, value)
+            self.alone = (stamp_ns, value)
             return False
-        (first_ns, first), self._alone = self._alone, None
+        (first_ns, first), self.alone = self.alone, None
         assert self.newest_ns is not None
         if first_ns < self.newest_ns:
             self._line.jump_back(first_ns)
@@ -276,11 +272,8 @@ class IdentificationStream:
     ) -> None:
         settings = settings if settings is not None else StreamSettings()
         monitors = [*monitors_by_name(settings.monitors), *sinks]
-        further: dict[str, str] = {}
-        shares: dict[str, float] = {}
-        for monitor in monitors:
-            further |= monitor.faults
-            shares |= monitor.doubtful
+        further = {name: what for one in monitors for name, what in one.faults.items()}
+        shares = {name: share for one in monitors for name, share in one.doubtful.items()}
         self.settings = settings
         self.estimator = estimator
         self._counter = FaultCounter(further)
@@ -324,8 +317,7 @@ class IdentificationStream:
         if newest_ns is None or not len(pulses):
             self._queue.add(pulses)
             return
-        used_ns = newest_ns - self._reorder_delay_ns
-        late = pulses.onset_ns <= used_ns + self._pulse_look_ahead_ns
+        late = pulses.onset_ns <= newest_ns - self._reorder_delay_ns + self._pulse_look_ahead_ns
         apart = late | (pulses.onset_ns > newest_ns + FAR_NS)
         self._alignment.arrived_apart(pulses.onset_ns[apart], newest_ns)
         self._queue.add(pulses[~late], newest_ns)
@@ -388,7 +380,7 @@ class IdentificationStream:
             return False
         line = stamp_ns if newest_ns is None else np.append(newest_ns, stamp_ns)
         steps = np.diff(line)
-        if self._intake.in_doubt or not ((steps > 0) & (steps <= GAP_NS)).all():
+        if self._intake.alone is not None or not ((steps > 0) & (steps <= GAP_NS)).all():
             return False
         if not (pulses.onset_ns <= line[0] + FAR_NS).all():
             return False
