@@ -10,7 +10,9 @@ reference of the kernel's test.
 import numpy as np
 
 from rpms_ros.identification import RecursiveSettings
-from rpms_ros.muscle.recruitment import RecruitmentParameters, identified_recruitment_with_gradient
+from rpms_ros.identification.model.recruitment import recruitment_curve
+from rpms_ros.identification.model.settings import BOUNDS
+from rpms_ros.muscle.recruitment import SMALLEST_SEPARATION
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray
 
 LARGEST_COVARIANCE = 1e10
@@ -90,10 +92,9 @@ class NumpyRecursion:
         return np.linalg.solve(damped, gradient)
 
     def _bounded(self, values: FloatArray) -> FloatArray:
-        bounds = self.settings.bounds
-        box = np.array([bounds.u_thr, bounds.u_sat, bounds.alpha_sat])
+        box = np.array(list(BOUNDS.values()))
         held = np.clip(values, box[:, 0], box[:, 1])
-        held[1] = max(held[1], held[0] + bounds.separation)
+        held[1] = max(held[1], held[0] + SMALLEST_SEPARATION)
         return np.append(held, self.theta[3])
 
     def _judge(self, candidate: FloatArray, actual: float, predicted: float) -> None:
@@ -107,4 +108,6 @@ class NumpyRecursion:
 
     @staticmethod
     def _recruitment(theta: FloatArray, intensity: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return identified_recruitment_with_gradient(RecruitmentParameters(*theta), intensity)
+        rho, slopes = recruitment_curve(intensity, theta)
+        slopes[:, 2:] /= theta[2:]
+        return rho, slopes

@@ -25,12 +25,11 @@ from rpms_ros.identification.model.settings import (
     PRESET_NAMES,
     TABLE_4,
     TABLE_5,
-    RecruitmentBounds,
     RecursiveSettings,
     settings_by_name,
 )
 from rpms_ros.identification.recursion.paper import ModifiedRecursiveLM
-from rpms_ros.identification.recursion.people import PEOPLE, FixedSizeRecursion, FixedSizeSettings
+from rpms_ros.identification.recursion.people import PEOPLE, FixedSizeRecursion
 from rpms_ros.identification.session import IdentifiedSession, identify
 from rpms_ros.identification.stream.stream import IdentificationStream, StreamSettings
 
@@ -52,13 +51,11 @@ __all__ = [
     'Estimator',
     'EstimatorOptions',
     'FixedSizeRecursion',
-    'FixedSizeSettings',
     'IdentificationStream',
     'IdentifiedSession',
     'LaguerreBasis',
     'ModifiedRecursiveLM',
     'ProjectionSettings',
-    'RecruitmentBounds',
     'RecursiveSettings',
     'StreamSettings',
     'estimator_by_name',

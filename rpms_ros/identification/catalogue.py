@@ -88,7 +88,7 @@ def _recursive(options: EstimatorOptions) -> Estimator:
 
 def _projection(options: EstimatorOptions) -> ProjectionSettings:
     people = options.preset == PEOPLE_PRESET
-    start = PEOPLE.model.start if people else settings_by_name(options.preset).start
+    start = PEOPLE.start if people else settings_by_name(options.preset).start
     basis = replace(ProjectionSettings().basis, latency=_LATENCY[options.preset])
     return ProjectionSettings(basis=basis, start=start, deviation=people, history=options.history)
 

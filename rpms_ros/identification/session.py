@@ -20,7 +20,7 @@ from rpms_ros.identification.estimation.estimator import ProjectionEstimator
 from rpms_ros.identification.estimation.prior import FittedMuscle
 from rpms_ros.identification.model.estimate import Estimate, Estimator
 from rpms_ros.identification.stream.monitors import Monitor, ProcessedSamples
-from rpms_ros.identification.stream.stream import IdentificationStream, StreamSettings
+from rpms_ros.identification.stream.stream import GAP_NS, IdentificationStream, StreamSettings
 from rpms_ros.printable import counted
 from rpms_ros.pulses import (
     NANOSECONDS_PER_SECOND,
@@ -258,8 +258,7 @@ def feed(
         How many samples had arrived before each pulse; None: as `in_time` returns.
     """
     if samples_before_pulse is None:
-        gap_ns = nanoseconds(stream.settings.longest_gap)
-        samples_before_pulse = in_time(pulses, forces, gap_ns)
+        samples_before_pulse = in_time(pulses, forces, GAP_NS)
     order = np.argsort(samples_before_pulse, kind='stable')
     pulses, before = pulses[order], np.asarray(samples_before_pulse, dtype=np.int64)[order]
     start = 0

@@ -9,7 +9,6 @@ from rpms_ros.muscle.recruitment import (
     RecruitmentField,
     RecruitmentParameters,
     identified_recruitment,
-    identified_recruitment_with_gradient,
 )
 from rpms_ros.muscle.sensor import Disturbances, Sensor
 from rpms_ros.muscle.subject import (
@@ -36,7 +35,6 @@ __all__ = [
     'Subject',
     'average_subject',
     'identified_recruitment',
-    'identified_recruitment_with_gradient',
     'random_subject',
     'simulation_subject',
     'steady_mean',

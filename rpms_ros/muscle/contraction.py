@@ -88,6 +88,7 @@ class _Rates(NamedTuple):
     keep_potentiation: float
     per_pulse: float
     largest: float
+    time_constant_ns: float
 
 
 @numba.njit(cache=True)
@@ -107,13 +108,10 @@ def _move(moments: FloatArray, distance: float) -> None:
 @numba.njit(cache=True)
 def _advance(
     stamp_ns: IntArray,
-    effective_ns: IntArray,
-    weight: FloatArray,
-    share: FloatArray,
+    pulses: tuple[IntArray, FloatArray, FloatArray],
     first_cell: int,
     scripted: FloatArray,
     rates: _Rates,
-    scale: float,
     moments: FloatArray,
     state: FloatArray,
     reference_ns: int,
@@ -121,9 +119,11 @@ def _advance(
     """Advance the muscle to the last stamp; return force, pulses used and reference time.
 
     `scripted` (cells, 2) holds T_a / T_a(rest) and gain of each cell; `state` (3,) fatigue gain,
-    slowing and potentiation; `weight` (pulses,) the peak of each twitch [N] at rest, `share` its
-    recruitment; `moments` (n,) are in newtons, of lags in the time theta.
+    slowing and potentiation; `pulses` (pulses,) when each twitch begins [ns], its peak [N] at rest
+    and its recruitment; `moments` (n,) are in newtons, of lags in the time theta.
     """
+    effective_ns, weight, share = pulses
+    scale = rates.time_constant_ns
     force = np.empty(len(stamp_ns))
     at_sample = np.empty_like(moments)
     pulse = 0
@@ -146,8 +146,7 @@ def _advance(
                 for j in range(len(moments)):
                     moments[j] += term
                     term *= lag
-                left = rates.largest - state[2]
-                state[2] += rates.per_pulse * share[pulse] * max(left, 0.0)
+                state[2] += rates.per_pulse * share[pulse] * max(rates.largest - state[2], 0.0)
                 pulse += 1
                 continue
             if stamp < boundary:
@@ -188,8 +187,6 @@ class Contraction:
         from the interval to the pulse before it (0 Hz for the first).
     settings : LivingSettings or None
         What changes in it; nothing if not given.
-    start_ns : int
-        Start of the session, from which scripted changes count [ns].
 
     Raises
     ------
@@ -202,13 +199,12 @@ class Contraction:
         subject: Subject,
         fixed_rate_hz: float | None = None,
         settings: LivingSettings | None = None,
-        start_ns: int = 0,
     ) -> None:
         if fixed_rate_hz is not None:
             check_number(MuscleError, 'repetition rate', fixed_rate_hz, 0, above=True, unit='Hz')
         settings = settings or LivingSettings()
         self.subject = subject
-        self._start_ns = start_ns
+        self._start_ns = 0
         self._fixed_rate = fixed_rate_hz
         curve, power = subject.recruitment, subject.order - 1
         rested = {
@@ -267,7 +263,8 @@ class Contraction:
             return np.empty(0)
         if (np.diff(stamps) < 0).any():
             raise MuscleError('expected ascending times, got one that goes back')
-        effective, weight, share = self._acting()
+        acting = self._acting()
+        effective = acting[0]
         if self._reference_ns is None:
             first = min(int(stamps[0]), int(effective.min(initial=stamps[0])))
             # a pulse of a clock that was never set: no memory would hold its cells
@@ -279,15 +276,15 @@ class Contraction:
             )
         order = np.argsort(effective, kind='stable')
         first_cell = self._reference_ns // CELL_NS
+        cells = np.arange(first_cell, int(stamps[-1]) // CELL_NS + 2, dtype=np.int64)
+        at = self._elapsed(cells * CELL_NS)
+        slow = self._timeline('time_constant', at) / self.subject.time_constant
         force, used, self._reference_ns = _advance(
             stamps,
-            effective[order],
-            weight[order],
-            share[order],
+            (effective[order], acting[1][order], acting[2][order]),
             first_cell,
-            self._scripted(first_cell, int(stamps[-1]) // CELL_NS + 1),
+            np.column_stack((slow, self._timeline('gain', at))),
             self._rates,
-            self.subject.time_constant * NANOSECONDS_PER_SECOND,
             self._moments,
             self._state,
             self._reference_ns,
@@ -323,18 +320,12 @@ class Contraction:
             keep_potentiation=float(np.exp(-_CELL_S / potentiation.decay)),
             per_pulse=potentiation.per_pulse,
             largest=potentiation.largest,
+            time_constant_ns=self.subject.time_constant * NANOSECONDS_PER_SECOND,
         )
 
     def _elapsed(self, time_ns: IntArray) -> FloatArray:
         """Return seconds from the start of the session."""
-        elapsed: FloatArray = (time_ns - self._start_ns) / NANOSECONDS_PER_SECOND
-        return elapsed
-
-    def _scripted(self, first: int, end: int) -> FloatArray:
-        """Return T_a / T_a(rest) and gain of the cells from `first` to `end` (cells, 2)."""
-        at = self._elapsed(np.arange(first, end + 1, dtype=np.int64) * CELL_NS)
-        slow = self._timeline('time_constant', at) / self.subject.time_constant
-        return np.column_stack((slow, self._timeline('gain', at)))
+        return (time_ns - self._start_ns) / NANOSECONDS_PER_SECOND
 
     def _acting(self) -> tuple[IntArray, FloatArray, FloatArray]:
         """Return twitch onset [ns], peak at rest [N] and recruitment of the pulses to come."""

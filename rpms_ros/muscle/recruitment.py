@@ -33,8 +33,7 @@ SMALLEST_SEPARATION = 0.05
 
 
 def _pools(u: FloatArray, threshold: FloatArray, saturation: FloatArray) -> FloatArray:
-    low: FloatArray = expit((u - threshold) / 0.025)
-    return 0.55 * low + 0.45 * expit((u - saturation + 0.15) / 0.03)
+    return 0.55 * expit((u - threshold) / 0.025) + 0.45 * expit((u - saturation + 0.15) / 0.03)
 
 
 OTHER_SHAPES: dict[str, Callable[[FloatArray, FloatArray, FloatArray], FloatArray]] = {
@@ -254,18 +253,11 @@ def arctan_recruitment_with_gradient(
 
 
 @numba.njit(cache=True)
-def _evaluate_all(
-    intensity: FloatArray, theta: FloatArray, rho: FloatArray, gradient: FloatArray
-) -> None:
-    """Write rho (n,) and its derivatives (n, 4) at intensities (n,)."""
-    origin = np.empty(len(theta))
-    offset = arctan_recruitment_with_gradient(0.0, theta, origin)
+def _evaluate_all(intensity: FloatArray, theta: FloatArray, rho: FloatArray) -> None:
+    """Write rho (n,) at intensities (n,)."""
+    offset = arctan_recruitment(0.0, theta)
     for index in range(len(intensity)):
-        rho[index] = (
-            arctan_recruitment_with_gradient(intensity[index], theta, gradient[index]) - offset
-        )
-        for place in range(len(theta)):
-            gradient[index, place] -= origin[place]
+        rho[index] = arctan_recruitment(intensity[index], theta) - offset
 
 
 def identified_recruitment(
@@ -285,19 +277,7 @@ def identified_recruitment(
     ndarray, shape (...)
         Recruitment, without the gain, which is part of the linear dynamics; 0 at intensity 0.
     """
-    return identified_recruitment_with_gradient(parameters, intensity)[0]
-
-
-def identified_recruitment_with_gradient(
-    parameters: RecruitmentParameters, intensity: npt.ArrayLike
-) -> tuple[FloatArray, FloatArray]:
-    """Return rho(theta, u), shape (...), and its derivatives, shape (..., 4).
-
-    The last axis is in the order of `PARAMETER_NAMES`.
-    """
     values = np.asarray(intensity, dtype=np.float64)
-    flat = np.atleast_1d(values).ravel()
-    rho = np.empty(len(flat))
-    gradient = np.empty((len(flat), len(PARAMETER_NAMES)))
-    _evaluate_all(flat, np.array(parameters, dtype=np.float64), rho, gradient)
-    return rho.reshape(values.shape), gradient.reshape((*values.shape, len(PARAMETER_NAMES)))
+    rho = np.empty(values.size)
+    _evaluate_all(values.ravel(), np.array(parameters, dtype=np.float64), rho)
+    return rho.reshape(values.shape)

@@ -61,8 +61,7 @@ class _HalfSine:
         since = _since(time, self.at, self.every)
         inside = (since >= 0.0) & (since < self.duration)
         wave = np.where(inside, np.sin(math.pi * since / self.duration), 0.0)
-        force: FloatArray = self.peak * wave**self.POWER
-        return force
+        return self.peak * wave**self.POWER
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,8 +148,7 @@ class Tremor:
     def force(self, time: FloatArray) -> FloatArray:
         """Return the force [N] (samples,)."""
         since = time - self.at
-        length = math.inf if self.duration is None else self.duration
-        inside = (since >= 0.0) & (since < length)
+        inside = (since >= 0.0) & (since < (self.duration or math.inf))
         wave = self.amplitude * np.sin(2.0 * math.pi * self.frequency * since)
         return np.where(inside, wave, 0.0)
 
@@ -245,10 +243,9 @@ def scenario_from_text(text: str) -> Scenario:
     """
     try:
         node = read_yaml(text)
+        return _scenario(node.content)
     except YamlError as fault:
         raise MuscleError(str(fault)) from fault
-    try:
-        return _scenario(node.content)
     except _Fault as fault:
         line = node.line_of(fault.place)
         raise MuscleError(f'line {line}, {fault.place or "scenario"}: {fault}') from fault

@@ -271,16 +271,19 @@ class SampledPlant:
 
     def due(self, now_ns: int) -> int:
         """Return how many samples up to `now_ns` [ns] have not been produced yet."""
-        begun = (now_ns - self._first_ns) // self._period_ns + 1
-        return max(0, begun - self._produced)
+        return max(0, (now_ns - self._first_ns) // self._period_ns + 1 - self._produced)
 
     def sample(self, count: int) -> ForceTrace:
         """Return the next `count` samples; a sensor fault may leave some out or double them."""
         indices = range(self._produced, self._produced + count)
         stamps = np.array([self._stamp(index) for index in indices], dtype=np.int64)
         self._produced += count
+        if count:
+            # those that may leave an artifact in these samples
+            limit = int(stamps[0]) - _ARTIFACT_MEMORY_NS
+            self._recent = sorted(pulse for pulse in self._recent if pulse.onset_ns >= limit)
         force = self._muscle.force(stamps)
-        return self._surroundings.measured(stamps, force, self._acting_pulses(stamps))
+        return self._surroundings.measured(stamps, force, PulseTrain.of(self._recent))
 
     def truth(self) -> Truth:
         """Return the true state at the newest sample."""
@@ -288,10 +291,3 @@ class SampledPlant:
 
     def _stamp(self, index: int) -> int:
         return self._first_ns + round(index * self._period_ns)
-
-    def _acting_pulses(self, stamps: IntArray) -> PulseTrain:
-        """Return the pulses that may leave an artifact in these samples, ascending."""
-        if len(stamps):
-            limit = int(stamps[0]) - _ARTIFACT_MEMORY_NS
-            self._recent = sorted(pulse for pulse in self._recent if pulse.onset_ns >= limit)
-        return PulseTrain.of(self._recent)

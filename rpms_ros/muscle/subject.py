@@ -84,10 +84,8 @@ class Subject:
 
         Below the lowest measured rate `pulse_weight` is constant, so this falls with the rate.
         """
-        area = twitch_area(self.time_constant, self.order)
-        mean = np.asarray(rate_hz, dtype=np.float64) * area
-        force: FloatArray = self.pulse_weight(intensity, rate_hz) * mean
-        return force
+        mean = np.asarray(rate_hz, dtype=np.float64) * twitch_area(self.time_constant, self.order)
+        return self.pulse_weight(intensity, rate_hz) * mean
 
 
 def average_subject(modality: Modality = Modality.MAGNETIC) -> Subject:
@@ -114,23 +112,20 @@ def random_subject(
     """
     latencies = {Modality.MAGNETIC: (6.28, 14.63), Modality.ELECTRICAL: (20.83, 28.24)}
     constants = {Modality.MAGNETIC: (26.71, 49.81), Modality.ELECTRICAL: (22.58, 53.22)}
-    shape = _random_shape(generator)
-    while not shape.rises:
-        shape = _random_shape(generator)
+    while True:
+        shape = IntensityRecruitment(
+            threshold=generator.uniform(0.45, 0.70),
+            saturation=generator.uniform(0.80, 1.00),
+            threshold_slope=generator.uniform(4.5, 7.0),
+            saturation_slope=generator.uniform(3.5, 17.0),
+        )
+        if shape.rises:
+            break
     return Subject(
         time_constant=1e-3 * generator.uniform(*constants[modality]),
         latency=1e-3 * generator.uniform(*latencies[modality]),
         recruitment=shape.normalised(),
         maximum_force=generator.uniform(5.0, 50.0),
-    )
-
-
-def _random_shape(generator: np.random.Generator) -> IntensityRecruitment:
-    return IntensityRecruitment(
-        threshold=generator.uniform(0.45, 0.70),
-        saturation=generator.uniform(0.80, 1.00),
-        threshold_slope=generator.uniform(4.5, 7.0),
-        saturation_slope=generator.uniform(3.5, 17.0),
     )
 
 

@@ -9,18 +9,13 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from rpms_ros.identification import (
-    TABLE_4,
-    TABLE_5,
-    DistortedSineBasis,
-    ModifiedRecursiveLM,
-    RecruitmentBounds,
-)
+from rpms_ros.identification import TABLE_4, TABLE_5, DistortedSineBasis, ModifiedRecursiveLM
 from rpms_ros.identification.recursion.paper_kernel import (
     basis_of_pulses,
     mix,
     regress,
     regress_with_gradient,
+    workspace,
 )
 from rpms_ros.muscle.recruitment import RecruitmentParameters, identified_recruitment
 from rpms_ros.pulses import FloatArray, ForceTrace, PulseTrain
@@ -45,7 +40,7 @@ def fed(pulses, forces, settings=TABLE_4, usable=True) -> tuple[ModifiedRecursiv
         replace(TABLE_4, projected=False),
         replace(TABLE_4, force_scale=3.0, basis=DistortedSineBasis(functions=3)),
         # every sample meets the conditioning rule, and some steps the bounds
-        replace(TABLE_4, condition_limit=1.5, bounds=RecruitmentBounds(u_thr=(0.39, 0.41))),
+        replace(TABLE_4, condition_limit=1.5, start=RecruitmentParameters(0.001, 0.9, 3.0)),
     ],
 )
 def test_it_is_the_plain_version(record, numpy_recursion, settings):
@@ -73,17 +68,15 @@ PARAMETERS = RecruitmentParameters(0.45, 0.95, 4.0)
 
 def sums(stamp_ns, onset_ns, intensity, theta):
     """Mixed regressor (8,) and raw gradient (3, 8), and whether any pulse recruits."""
-    values = np.full((len(onset_ns), 8), np.nan)
-    raw, gradient, phi = np.empty(8), np.empty((3, 8)), np.empty(8)
-    basis_of_pulses(stamp_ns, onset_ns, 0, len(onset_ns), SHAPE, values)
-    recruits = regress_with_gradient(
-        intensity, 0, len(onset_ns), theta, values, raw, gradient, np.empty((2, 4))
-    )
-    again = np.empty(8)
-    regress(intensity, 0, len(onset_ns), theta, values, again)
-    np.testing.assert_array_equal(raw, again)
+    work = workspace(8, len(onset_ns))
+    work.basis[:] = np.nan
+    basis_of_pulses(stamp_ns, onset_ns, SHAPE, work.basis)
+    recruits = regress_with_gradient(intensity, theta, work)
+    raw, phi = work.raw.copy(), np.empty(8)
+    regress(intensity, theta, work)
+    np.testing.assert_array_equal(raw, work.raw)
     mix(BASIS.mixing, raw, phi)
-    return phi, gradient, recruits
+    return phi, work.raw_gradient, recruits
 
 
 @given(

@@ -134,7 +134,8 @@ def epoch_grid(seconds):
 
 def living(changing, rate_hz=None, intensity=RANDOM[:60], subject=None):
     """Return a muscle that changes, with pulses at 20 Hz."""
-    muscle = Contraction(subject or average_subject(), rate_hz, changing, EPOCH_NS)
+    muscle = Contraction(subject or average_subject(), rate_hz, changing)
+    muscle.begin(EPOCH_NS)
     muscle.add_pulses(PulseTrain.regular(intensity, 20.0, EPOCH_NS).onset_ns, intensity)
     return muscle
 
@@ -224,7 +225,8 @@ def test_potentiation_grows_towards_its_largest_value_and_fades():
 def test_a_moved_coil_shifts_the_curve():
     subject = simulation_subject()
     move = Change(1.0, threshold=0.56, saturation=1.06, gain=0.8)
-    muscle = Contraction(subject, None, LivingSettings(changes=(move,)), EPOCH_NS)
+    muscle = Contraction(subject, None, LivingSettings(changes=(move,)))
+    muscle.begin(EPOCH_NS)
     u = np.linspace(0.0, 1.0, 11)
     before = muscle.steady_force(EPOCH_NS, u, 20.0)
     after = muscle.steady_force(EPOCH_NS + 2 * NANOSECONDS_PER_SECOND, u, 20.0)

@@ -9,13 +9,10 @@ import numpy as np
 import pytest
 
 from rpms_ros.identification import TABLE_4, DistortedSineBasis, ModifiedRecursiveLM
+from rpms_ros.identification.model.recruitment import recruitment_curve
+from rpms_ros.identification.model.settings import BOUNDS
 from rpms_ros.identification.recursion.paper_kernel import RecursionState, _judge, _update_linear
-from rpms_ros.muscle import (
-    Contraction,
-    RecruitmentParameters,
-    identified_recruitment_with_gradient,
-    simulation_subject,
-)
+from rpms_ros.muscle import Contraction, simulation_subject
 from rpms_ros.pulses import PulseTrain
 
 MILLISECOND = 1_000_000
@@ -35,10 +32,8 @@ def plant_force():
 def regressors(stamp_ns, theta):
     """Return phi (functions,) and d phi / d theta (functions, 3) out of all pulses."""
     values = BASIS.evaluate((stamp_ns - TRAIN.onset_ns) * 1e-9)
-    rho, slope = identified_recruitment_with_gradient(
-        RecruitmentParameters(*theta), TRAIN.intensity
-    )
-    return values.T @ rho, values.T @ slope[:, :3]
+    rho, slope = recruitment_curve(TRAIN.intensity, theta)
+    return values.T @ rho, values.T @ (slope[:, :3] / np.append(np.ones(2), theta[2]))
 
 
 def copied(state):
@@ -63,7 +58,8 @@ def step_of(settings, before, after, stamp_ns, force, prediction):
     damping += settings.damping_increment if condition > settings.condition_limit else 0.0
     update = np.linalg.solve(after.hessian + damping * np.eye(3), gradient)
     # whether the bounds leave the step alone
-    inside = settings.bounds.hold(RecruitmentParameters(*(theta[:3] + update)))
+    moved, (low, high) = theta[:3] + update, np.transpose(list(BOUNDS.values()))
+    inside = (low <= moved).all() and (moved <= high).all() and moved[1] - moved[0] >= 0.05
     return SimpleNamespace(**locals())
 
 

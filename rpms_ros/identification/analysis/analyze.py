@@ -88,7 +88,7 @@ Progress = Callable[[str, int, int], None]
 
 
 def analyze(
-    pulses: PulseTrain, force: ForceTrace, progress: Progress | None = None
+    pulses: PulseTrain, force: ForceTrace, progress: Progress = lambda *_: None
 ) -> MuscleAnalysis:
     """Analyse a recording.
 
@@ -98,7 +98,7 @@ def analyze(
         Delivered pulses, in any order; an intensity of NaN is one that was not recorded.
     force : ForceTrace
         Measured force, in any order.
-    progress : callable, optional
+    progress : callable
         Called with a label, the number done and the total number.
 
     Raises
@@ -112,7 +112,7 @@ def analyze(
 class _Analysis:
     """One run of the analysis, with its data and findings."""
 
-    def __init__(self, pulses: PulseTrain, force: ForceTrace, progress: Progress | None) -> None:
+    def __init__(self, pulses: PulseTrain, force: ForceTrace, progress: Progress) -> None:
         self._progress = progress
         self.trace = clean(force)
         self.findings = list(self.trace.findings)
@@ -229,9 +229,8 @@ class _Analysis:
                 'there are no single pulses: latency and twitch come from trains, if there are any'
             )
             return None
-        found = analyze_twitches(
-            singles, reasons, self.trace.sample_period, self._step('twitches')
-        )
+        progress = partial(self._progress, 'twitches')
+        found = analyze_twitches(singles, reasons, self.trace.sample_period, progress)
         if isinstance(found, str):
             self.findings.append(found)
             return None
@@ -253,7 +252,7 @@ class _Analysis:
                 self.findings.append(f'{count} group(s) of pulses {what}')
         trains, reasons = self._of(Kind.TRAIN, responses)
         if trains:
-            return analyze_trains(trains, order, reasons, self._step('trains'))
+            return analyze_trains(trains, order, reasons, partial(self._progress, 'trains'))
         if reasons:
             self.findings.append(f'no response to a train qualifies ({counted_reasons(reasons)})')
         return None
@@ -296,9 +295,6 @@ class _Analysis:
                 'there are fewer than 3 rates: rho_f is the average of Table 3, only rho_u fitted'
             )
         return found
-
-    def _step(self, label: str) -> Callable[[int, int], None] | None:
-        return None if self._progress is None else partial(self._progress, label)
 
 
 def _share_left(response: Response) -> float:

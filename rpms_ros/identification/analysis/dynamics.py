@@ -13,12 +13,7 @@ import numpy as np
 from scipy.special import ndtri, stdtrit
 
 from rpms_ros.identification.analysis.analyze import MuscleAnalysis
-from rpms_ros.identification.analysis.trains import (
-    SummationAnalysis,
-    TrainLaw,
-    fit_deviations,
-    force_onset,
-)
+from rpms_ros.identification.analysis.trains import TrainLaw, fit_deviations, force_onset
 from rpms_ros.identification.quality.explained_force import Stated
 from rpms_ros.muscle import twitch
 from rpms_ros.pulses import FloatArray
@@ -69,14 +64,16 @@ def train_dynamics(analysis: MuscleAnalysis) -> TrainDynamics | None:
     fits = [getattr(train, model) for train in found.trains]
     pairs = zip(responses, fits, strict=True)
     deviations = np.array([fit_deviations(*pair, found.order, law) for pair in pairs])
-    latency, constant = (
-        _stated(
-            np.array([getattr(fit, name) for fit in fits]),
-            deviations[:, place],
-            0.0 if law else _by_model(found, name),
-        )
-        for place, name in enumerate(('latency', 'time_constant'))
-    )
+
+    def numbers(name: str) -> FloatArray:
+        """Return latency and T_a of a model for each train (2, trains) [s]."""
+        fits = [getattr(train, name) for train in found.trains]
+        return np.array([[fit.latency for fit in fits], [fit.time_constant for fit in fits]])
+
+    # Pulses that are not equal move both: the first one of a train acts more than those that
+    # follow it, say.  The history law says itself how they differ.
+    apart = np.zeros(2) if law else np.abs(np.mean(numbers('gains') - numbers('equal'), axis=1))
+    latency, constant = map(_stated, numbers(model), deviations.T, apart.tolist())
     onsets = np.array([bounds for one in responses if (bounds := force_onset(one)) is not None])
     return TrainDynamics(
         trains=len(fits),
@@ -117,16 +114,6 @@ def response_to_one_pulse(dynamics: TrainDynamics, time: FloatArray) -> FloatArr
     if dynamics.law is not None and dynamics.model == HISTORY_LAW:
         shape = dynamics.law.force(lag, shape)
     return dynamics.gain * np.interp(time, lag, shape)
-
-
-def _by_model(found: SummationAnalysis, name: str) -> float:
-    """Return by how much a number of equal pulses is another one with a gain a pulse [s].
-
-    Pulses that are not equal move both: the first one of a train acts more than those that follow
-    it, say.  The history law says itself how they differ.
-    """
-    apart = [getattr(one.gains, name) - getattr(one.equal, name) for one in found.trains]
-    return abs(float(np.mean(apart)))
 
 
 def _stated(values: FloatArray, deviations: FloatArray, by_model: float) -> Stated:

@@ -25,6 +25,7 @@ from scipy.special import stdtrit
 
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.analysis.responses import SETTLING, CleanTrace, Level, PulseGroup
+from rpms_ros.identification.analysis.twitch_fits import derivatives
 from rpms_ros.muscle import (
     IntensityRecruitment,
     RateRecruitment,
@@ -137,8 +138,7 @@ def steady_point(
     force = trace.force[part] - np.interp(middle, baseline.time_ns, baseline.force)
     tenth = ((trace.stamp_ns[part] - first) / period % 1.0 * 10).astype(np.int64)
     means = [float(np.mean(force[tenth == k])) for k in range(10) if (tenth == k).any()]
-    rests = np.arange(len(baseline.time_ns))
-    share, rest = np.modf(np.interp(middle, baseline.time_ns, rests))
+    share, rest = np.modf(np.interp(middle, baseline.time_ns, np.arange(len(baseline.time_ns))))
     return SteadyPoint(
         level.intensity,
         level.rate_hz,
@@ -202,14 +202,8 @@ class FieldAnalysis:
 
 # theta is ln A, relative to the greatest measured force, and these.
 _NAMES = (
-    'threshold',
-    'saturation',
-    'threshold_slope',
-    'saturation_slope',
-    'rate_saturation',
-    'rate_slope',
-    'rate_offset',
-    'zero_offset',
+    *('threshold', 'saturation', 'threshold_slope', 'saturation_slope'),
+    *('rate_saturation', 'rate_slope', 'rate_offset', 'zero_offset'),
 )
 CENTRE = np.array(
     [0.0, 0.48, 0.98, np.log(5.0), np.log(4.0), 25.0, np.log(0.05), -0.321 / 0.0597, 0.0]
@@ -229,13 +223,7 @@ def field_force(theta: FloatArray, intensity: FloatArray, rate_hz: FloatArray) -
     """Return the force (...) relative to the greatest measured one; theta (9,), see the module."""
     shape = RecruitmentParameters(theta[1], theta[2], np.exp(theta[4]), np.exp(theta[3]))
     share = identified_recruitment(shape, intensity) / identified_recruitment(shape, 1.0)
-    slope = np.exp(theta[6])
-
-    def bend(rate: FloatArray | float) -> FloatArray:
-        excess = rate - theta[5]
-        value: FloatArray = rate - excess * (np.arctan(slope * excess) / np.pi + 0.5)
-        return value
-
+    bend = RateRecruitment(theta[5], np.exp(theta[6]), 1.0, 0.0)
     by_rate = (bend(rate_hz) + theta[7]) / (bend(_REFERENCE_RATE) + theta[7])
     force: FloatArray = np.exp(theta[0]) * (share + theta[8]) * by_rate
     return force
@@ -290,10 +278,14 @@ def fit_field(points: Sequence[SteadyPoint]) -> FieldAnalysis:
     common = inverse @ (jacobian[: len(points)].T @ _baselines(points)) / top
     covariance[np.ix_(free, free)] = inverse * variance + common @ common.T
     reach = float(stdtrit(spare, 0.5 + _CONFIDENCE / 2))
+    # A (1 + c), with the offset c: its logarithm, and the gradient of that
+    gradient = np.zeros(len(theta))
+    gradient[0], gradient[-1] = 1.0, 1.0 / (1.0 + theta[-1])
+    full, doubt = theta[0] + np.log1p(theta[-1]), float(gradient @ covariance @ gradient)
     formula = field_force(theta, *np.meshgrid(rows, columns, indexing='ij'))
     return FieldAnalysis(
         recruitment=as_recruitment(theta),
-        maximum_force=_maximum_force(theta, covariance, reach, top),
+        maximum_force=_interval(full, doubt, reach, True, top),
         parameters={
             name: _interval(theta[k], covariance[k, k], reach, name.endswith('_slope'))
             for k, name in enumerate(_NAMES, 1)
@@ -341,16 +333,6 @@ def _baselines(points: Sequence[SteadyPoint]) -> FloatArray:
     return effect
 
 
-def _maximum_force(
-    theta: FloatArray, covariance: FloatArray, reach: float, top: float
-) -> Interval:
-    """Return the force at full intensity and 20 Hz, A (1 + c), with the offset c."""
-    gradient = np.zeros(len(theta))
-    gradient[0], gradient[-1] = 1.0, 1.0 / (1.0 + theta[-1])
-    value = theta[0] + np.log1p(theta[-1])
-    return _interval(value, float(gradient @ covariance @ gradient), reach, True, top)
-
-
 def _interval(
     value: float, variance: float, reach: float, logarithm: bool, scale: float = 1.0
 ) -> Interval:
@@ -363,14 +345,9 @@ def _interval(
 
 def _worst_deviation(theta: FloatArray, covariance: FloatArray, rate: FloatArray) -> float:
     """Return the greatest standard deviation of rho over u in 0..1 and the measured rates."""
-    grid = np.meshgrid(np.linspace(0.0, 1.0, 41), np.unique(rate))
-    u, f = (axis.ravel() for axis in grid)
-    slopes = np.column_stack(
-        [
-            (field_force(theta + step, u, f) - field_force(theta - step, u, f)) / 2e-5
-            for step in 1e-5 * np.eye(len(theta))
-        ]
-    )
+    u, f = (axis.ravel() for axis in np.meshgrid(np.linspace(0.0, 1.0, 41), np.unique(rate)))
+    steps = np.full(len(theta), 1e-5)
+    slopes = derivatives(lambda moved: field_force(moved, u, f), theta, steps)
     deviation = np.sqrt(np.maximum(np.einsum('ij,jk,ik->i', slopes, covariance, slopes), 0.0))
     return float(deviation.max() / np.abs(field_force(theta, u, f)).max())
 
@@ -433,6 +410,5 @@ def rising_product(
 
 def _factor(level_of: IntArray, levels: int, known: FloatArray, values: FloatArray) -> FloatArray:
     weight = np.bincount(level_of, known**2, levels)
-    product = np.bincount(level_of, known * values, levels)
-    ratio = product / np.maximum(weight, 1e-300)
+    ratio = np.bincount(level_of, known * values, levels) / np.maximum(weight, 1e-300)
     return rising(np.where(weight > 0, ratio, 0.0), np.maximum(weight, 1e-12))

@@ -350,8 +350,7 @@ def find_artifacts(trace: CleanTrace, onset_ns: IntArray) -> Artifacts:
         standing = force - scipy.ndimage.median_filter(force, _MEDIAN_SPAN, mode='nearest')
         best = int(np.argmax(standing))
         if standing[best] > least:
-            moment = trace.stamp_ns[part.start + best]
-            offset[index] = (moment - onset) / NANOSECONDS_PER_SECOND
+            offset[index] = (trace.stamp_ns[part.start + best] - onset) / NANOSECONDS_PER_SECOND
     return _judged(offset, trace.sample_period)
 
 
@@ -370,8 +369,7 @@ def near_pulses(stamp_ns: IntArray, onset_ns: IntArray, sample_period: float) ->
     margin = nanoseconds(1.5 * sample_period)
     latest = np.searchsorted(onset_ns, stamp_ns + margin, side='right') - 1
     since = stamp_ns - onset_ns[np.maximum(latest, 0)]
-    touched: BoolArray = (latest >= 0) & (since < BLANKING * NANOSECONDS_PER_SECOND)
-    return touched
+    return (latest >= 0) & (since < BLANKING * NANOSECONDS_PER_SECOND)
 
 
 def without_artifacts(trace: CleanTrace, onset_ns: IntArray) -> CleanTrace:

@@ -27,7 +27,7 @@ import scipy  # its parts are loaded when they are asked for
 
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.analysis.responses import Response
-from rpms_ros.identification.analysis.twitch_fits import Progress, spread
+from rpms_ros.identification.analysis.twitch_fits import Progress, derivatives, spread
 from rpms_ros.identification.model.summation import HistoryLaw
 from rpms_ros.muscle import twitch
 from rpms_ros.pulses import FloatArray, IntArray
@@ -219,7 +219,7 @@ def analyze_trains(
     responses: Sequence[Response],
     order: int,
     rejected: Mapping[str, int] | None = None,
-    progress: Progress | None = None,
+    progress: Progress = lambda *_: None,
 ) -> SummationAnalysis:
     """Fit superposed twitches of one order to trains (at least one).
 
@@ -231,20 +231,18 @@ def analyze_trains(
         Order of the twitch.
     rejected : mapping of str to int, optional
         Trains that did not qualify, by reason.
-    progress : callable, optional
+    progress : callable
         Called with the number of trains done and of all.
     """
     equal, gains = [], []
     for index, response in enumerate(responses):
         equal.append(fit_train(response, order))
         gains.append(fit_gains(response, order, equal[-1]))
-        if progress is not None:
-            progress(index + 1, len(responses))
+        progress(index + 1, len(responses))
     counts = np.array([len(response.onset) for response in responses])
     # judged on the longest, if shorter ones suffice for a fit
     judged = counts == counts.max()
-    if not (counts[~judged] >= _LEAST_PULSES).any():
-        judged[:] = False
+    judged &= bool((counts[~judged] >= _LEAST_PULSES).any())
     law = None
     if (counts[~judged] >= _LEAST_PULSES).any():
         taught = np.flatnonzero(~judged)
@@ -304,8 +302,7 @@ def fit_scaled(response: Response, shape: TrainShape) -> TrainFit:
     def residual(theta: FloatArray) -> FloatArray:
         part = shape(*theta)[response.usable]
         gain, base = _line(part, force)
-        misfit: FloatArray = force - (base + gain * part)
-        return misfit
+        return force - (base + gain * part)
 
     def cost(theta: FloatArray) -> float:
         return float(np.sum(residual(theta) ** 2))
@@ -481,13 +478,7 @@ def fit_deviations(
     # the prior of the law, in its fit relative to the residual divided by the spread of the force
     prior = np.zeros(len(at))
     prior[4:] = float(np.sum(np.square(force - force.mean()))) * _PRIOR**2
-    steps = 1e-4 * np.maximum(np.abs(at), 1e-3)
-    jacobian = np.column_stack(
-        [
-            (model(at + step * unit) - model(at - step * unit)) / (2.0 * step)
-            for step, unit in zip(steps, np.eye(len(at)), strict=True)
-        ]
-    )
+    jacobian = derivatives(model, at, 1e-4 * np.maximum(np.abs(at), 1e-3))
     matrix = jacobian.T @ jacobian + np.diag(prior)
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     inverse = np.diag(np.linalg.pinv(matrix / np.outer(scale, scale))) / scale**2

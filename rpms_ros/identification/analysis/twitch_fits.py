@@ -252,6 +252,7 @@ def coarse_start(lag: FloatArray, force: FloatArray, order: float) -> FloatArray
 
 Progress = Callable[[int, int], None]
 
+# Columns of the table, in the order in which `_fit_one` writes them.
 ONSET, CONSTANT, PEAK, BASELINE, ERROR, HELD_OUT = range(6)
 DECISIVE = 10.0
 _STRIDE = 4
@@ -288,8 +289,7 @@ class TwitchFits:
 
     def column(self, column: int, order: int) -> FloatArray:
         """Return one column of the table at one order (twitches,)."""
-        values: FloatArray = self.table[:, self.orders.index(order), column]
-        return values
+        return self.table[:, self.orders.index(order), column]
 
     def least_error(self, order: int) -> FloatArray:
         """Return E_min of Eq. (3), the squared error in squared peaks (twitches,)."""
@@ -335,12 +335,9 @@ def _fit_one(lag: FloatArray, force: FloatArray, orders: IntArray, row: FloatArr
         start[2] = orders[index]
         fit = shared_fit(lag, force, starts, start, 2)
         theta = np.array([fit.theta[0], fit.theta[1], start[2]])
-        row[index, ONSET] = theta[0]
-        row[index, CONSTANT] = math.exp(theta[1])
-        row[index, PEAK] = fit.linear[0, 0]
-        row[index, BASELINE] = fit.linear[0, 1]
-        row[index, ERROR] = fit.cost[0]
-        row[index, HELD_OUT] = _held_out(lag, force, theta)
+        peak, base = fit.linear[0]
+        held_out = _held_out(lag, force, theta)
+        row[index] = (theta[0], math.exp(theta[1]), peak, base, fit.cost[0], held_out)
         if fit.cost[0] < best:
             best = fit.cost[0]
             best_theta = theta
@@ -348,7 +345,7 @@ def _fit_one(lag: FloatArray, force: FloatArray, orders: IntArray, row: FloatArr
 
 
 def fit_twitches(
-    responses: Sequence[Response], orders: tuple[int, ...], progress: Progress | None = None
+    responses: Sequence[Response], orders: tuple[int, ...], progress: Progress = lambda *_: None
 ) -> TwitchFits:
     """Fit every response to a single pulse at every order.
 
@@ -358,7 +355,7 @@ def fit_twitches(
         Twitches.
     orders : tuple of int
         Orders.
-    progress : callable, optional
+    progress : callable
         Called with the number of twitches done and of all.
     """
     table = np.zeros((len(responses), len(orders), 6))
@@ -372,8 +369,7 @@ def fit_twitches(
     with ThreadPoolExecutor(_WORKERS) as pool:
         for index, found in enumerate(pool.map(fit, range(len(responses)))):
             free[index] = found
-            if progress is not None:
-                progress(index + 1, len(responses))
+            progress(index + 1, len(responses))
     intensity = np.array([item.intensity for item in responses])
     samples = np.array([int(item.usable.sum()) for item in responses], dtype=np.int64)
     return TwitchFits(orders, intensity, samples, table, free)
@@ -469,3 +465,11 @@ def choose_order(fits: TwitchFits) -> OrderChoice:
 def spread(values: FloatArray) -> float:
     """Return the standard deviation of a sample, NaN for a single value."""
     return float(np.std(values, ddof=1)) if len(values) > 1 else math.nan
+
+
+def derivatives(
+    function: Callable[[FloatArray], FloatArray], at: FloatArray, steps: FloatArray
+) -> FloatArray:
+    """Return the derivatives (values, parameters) of a function, by central differences."""
+    pairs = ((function(at + step), function(at - step)) for step in np.diag(steps))
+    return np.column_stack([above - below for above, below in pairs]) / (2.0 * steps)

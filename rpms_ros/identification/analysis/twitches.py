@@ -164,7 +164,7 @@ def analyze_twitches(
     responses: Sequence[Response],
     rejected: Mapping[str, int],
     sample_period: float,
-    progress: Progress | None = None,
+    progress: Progress = lambda *_: None,
 ) -> TwitchAnalysis | str:
     """Analyse responses to single pulses; return a sentence if none qualifies.
 
@@ -176,7 +176,7 @@ def analyze_twitches(
         Those that were not, by reason.
     sample_period : float
         Time between samples [s].
-    progress : callable, optional
+    progress : callable
         Called with the number of twitches done and of all.
     """
     fits = fit_twitches(responses, ORDERS, progress)

@@ -14,9 +14,9 @@ from rpms_ros.errors import IdentificationError, check_number
 from rpms_ros.identification.estimation.blocks import BlockStatistics
 from rpms_ros.identification.model.basis import LaguerreBasis
 from rpms_ros.identification.model.recruitment import NONLINEAR, PARAMETERS, SUMMATION
-from rpms_ros.identification.model.settings import SIMULATION_START, RecruitmentBounds
+from rpms_ros.identification.model.settings import BOUNDS, SIMULATION_START, check_start
 from rpms_ros.identification.model.summation import TemporalSummation
-from rpms_ros.muscle.recruitment import RateRecruitment, RecruitmentParameters
+from rpms_ros.muscle.recruitment import SMALLEST_SEPARATION, RateRecruitment, RecruitmentParameters
 from rpms_ros.pulses import FloatArray
 
 
@@ -107,16 +107,16 @@ class RecruitmentPrior:
         for name in ('u_thr', 'u_sat', 'alpha_sat', 'alpha_thr'):
             check_number(IdentificationError, name, getattr(self, name), 0, above=True)
 
-    def as_prior(self, bounds: RecruitmentBounds, alpha_thr: tuple[float, float]) -> Prior:
-        """Return this prior and the bounds as a `Prior`."""
+    def as_prior(self, alpha_thr: tuple[float, float]) -> Prior:
+        """Return this prior and the bounds as a `Prior`; `alpha_thr` are those of alpha_thr."""
         centre = np.array(self.centre)
-        low, high = zip(bounds.u_thr, bounds.u_sat, bounds.alpha_sat, alpha_thr, strict=True)
+        low, high = zip(*BOUNDS.values(), alpha_thr, strict=True)
         return Prior(
             mean=np.concatenate((centre[:2], np.log(centre[2:]))),
             deviation=np.array([self.u_thr, self.u_sat, self.alpha_sat, self.alpha_thr]),
             lower=np.array(low, dtype=np.float64),
             upper=np.array(high, dtype=np.float64),
-            separation=bounds.separation,
+            separation=SMALLEST_SEPARATION,
         )
 
 
@@ -132,8 +132,6 @@ class ProjectionSettings:
         Start of the nonlinear parameters.
     prior : RecruitmentPrior
         Weak physiological prior.
-    bounds : RecruitmentBounds
-        Bounds of u_thr, u_sat and alpha_sat.
     alpha_thr : tuple of float
         Lowest and highest alpha_thr; equal values fix it.
     deviation : bool
@@ -157,7 +155,6 @@ class ProjectionSettings:
     basis: LaguerreBasis = field(default_factory=lambda: LaguerreBasis(7, 38e-3, 8e-3))
     start: RecruitmentParameters = SIMULATION_START
     prior: RecruitmentPrior = field(default_factory=RecruitmentPrior)
-    bounds: RecruitmentBounds = field(default_factory=RecruitmentBounds)
     alpha_thr: tuple[float, float] = (2.0, 15.0)
     deviation: bool = True
     by_rate: RateRecruitment | None = field(default_factory=RateRecruitment)
@@ -172,10 +169,7 @@ class ProjectionSettings:
             raise IdentificationError(
                 f'expected alpha_thr bounds around {self.start.alpha_thr}, got {self.alpha_thr}'
             )
-        if not self.bounds.hold(self.start):
-            raise IdentificationError(
-                f'expected a start within the bounds and u_thr < u_sat, got {self.start}'
-            )
+        check_start(self.start)
 
     def starts(self) -> list[FloatArray]:
         """Return the starts, theta (26,) each, of a fit that tries several."""
@@ -194,4 +188,4 @@ class ProjectionSettings:
 
     def as_prior(self) -> Prior:
         """Return prior and bounds."""
-        return self.prior.as_prior(self.bounds, self.alpha_thr)
+        return self.prior.as_prior(self.alpha_thr)

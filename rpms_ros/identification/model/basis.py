@@ -116,15 +116,13 @@ class LaguerreBasis:
     def area(self) -> FloatArray:
         """Integral of each function, its transfer function at zero (functions,) [s^1/2]."""
         sign = np.where(np.arange(self.functions) % 2, -1.0, 1.0)
-        total: FloatArray = self.input_gain * self.time_constant * sign
-        return total
+        return self.input_gain * self.time_constant * sign
 
     @cached_property
     def moment(self) -> FloatArray:
         """Integral of each function times the lag (functions,) [s^(3/2)]."""
         mean = self.latency + self.time_constant * (2.0 * np.arange(self.functions) + 1.0)
-        total: FloatArray = self.area * mean
-        return total
+        return self.area * mean
 
     def evaluate(self, lag: npt.ArrayLike) -> FloatArray:
         """Return the functions.
@@ -224,8 +222,7 @@ class DistortedSineBasis:
                 f'expected a form factor that keeps {self.functions} functions independent over '
                 f'{self.memory_taps} taps, got {self.form_factor}'
             ) from error
-        inverse: FloatArray = solve_triangular(factor, np.eye(self.functions), lower=True)
-        return inverse
+        return solve_triangular(factor, np.eye(self.functions), lower=True)
 
     @cached_property
     def area(self) -> FloatArray:
@@ -248,8 +245,7 @@ class DistortedSineBasis:
             Zero outside the support.
         """
         taps = np.atleast_1d(np.asarray(lag, dtype=np.float64)) / self.tap
-        values: FloatArray = self._raw(taps) @ self.mixing.T
-        return values
+        return self._raw(taps) @ self.mixing.T
 
     def _raw(self, taps: FloatArray) -> FloatArray:
         raw = np.zeros((len(taps), self.functions))
@@ -263,7 +259,5 @@ def conversion(old: LaguerreBasis, new: LaguerreBasis) -> FloatArray:
     The response of the new coefficients is the projection of the old one.
     """
     step = min(old.time_constant, new.time_constant) / 60.0
-    longest = max(old.duration, new.duration)
-    lag = np.arange(0.5 * step, longest, step)
-    result: FloatArray = step * (new.evaluate(lag).T @ old.evaluate(lag))
-    return result
+    lag = np.arange(0.5 * step, max(old.duration, new.duration), step)
+    return step * (new.evaluate(lag).T @ old.evaluate(lag))

@@ -314,5 +314,4 @@ def minimiser(linearise: Linearise, room: Room, move: Move, accept: Accept) -> M
     # Part of the name of numba's index file: a file shared by several models could not be read
     # where the module of one of them is missing.
     minimise.__qualname__ = f'minimise.{linearise.__module__}'
-    compiled: Minimise = numba.njit(cache=True, nogil=True)(minimise)
-    return compiled
+    return numba.njit(cache=True, nogil=True)(minimise)

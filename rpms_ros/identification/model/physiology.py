@@ -200,13 +200,10 @@ def _fit_from(start: FloatArray, response: Coefficients) -> TwitchMatch:
     match, trial = (
         TwitchMatch(
             theta=np.clip(start, response.prior.lower, response.prior.upper),
-            peak=np.zeros(1),
             columns=np.zeros((len(response.target), 4)),
-            cost=np.zeros(1),
             energy=np.full(1, response.target @ response.target),
             damping=np.full(1, _DAMPING),
-            moved=np.zeros(1),
-            failures=np.zeros(1),
+            **{name: np.zeros(1) for name in ('peak', 'cost', 'moved', 'failures')},
         )
         for _ in range(2)
     )
@@ -240,16 +237,15 @@ _PEOPLE = TwitchPrior(
     lower=np.array([8e-3, 0.0, 1.5]),
     upper=np.array([0.15, 60e-3, 6.0]),
 )
-PRIOR: Mapping[str, tuple[float, float]] = dict(
-    zip(
-        PHYSIOLOGY_NAMES,
-        zip(_PEOPLE.centre.tolist(), _PEOPLE.deviation.tolist(), strict=True),
-        strict=False,
-    )
-)
+PRIOR: Mapping[str, tuple[float, float]] = {
+    name: (float(_PEOPLE.centre[place]), float(_PEOPLE.deviation[place]))
+    for place, name in enumerate(PHYSIOLOGY_NAMES[:3])
+}
 """Mean and standard deviation among people, by name; none for the peak."""
 # Prior with a basis that was chosen by the samples.
 _WIDE_DEVIATION = np.array([60e-3, 20e-3, 1.0])
+# Grid on which twitches are projected [s]; a wide prior asks for a tenth of T_p besides.
+_GRID_STEP = 4e-3
 # Error of the basis, relative to the norm of the coefficients.
 MISFIT = 1e-3
 
@@ -270,14 +266,11 @@ class TwitchReader:
     ----------
     basis : LaguerreBasis
         The basis.
-    step : float
-        Grid on which twitches are projected [s].
     wide : bool
         Use a wide prior around the basis instead of that of `PRIOR`.
     """
 
     basis: LaguerreBasis
-    step: float = 4e-3
     wide: bool = False
 
     @cached_property
@@ -289,15 +282,12 @@ class TwitchReader:
         return _PEOPLE._replace(centre=centre, deviation=_WIDE_DEVIATION)
 
     @cached_property
-    def _grid(self) -> FloatArray:
+    def _grid(self) -> tuple[FloatArray, FloatArray]:
+        """Times of the grid (grid,) [s], and the projection on the basis (functions, grid)."""
         finest = self.basis.time_constant / 10.0
-        step = min(self.step, finest) if self.wide else self.step
-        return np.arange(step / 2, self.basis.duration, step)
-
-    @cached_property
-    def _projection(self) -> FloatArray:
-        values = self.basis.evaluate(self._grid)
-        return np.asarray(np.linalg.pinv(values), dtype=np.float64)
+        step = min(_GRID_STEP, finest) if self.wide else _GRID_STEP
+        lag = np.arange(step / 2, self.basis.duration, step)
+        return lag, np.asarray(np.linalg.pinv(self.basis.evaluate(lag)), dtype=np.float64)
 
     def read(
         self, response: FloatArray, covariance: FloatArray, misfit: float = MISFIT
@@ -321,8 +311,10 @@ class TwitchReader:
             return None
         noise = covariance + (misfit * length) ** 2 * np.eye(len(response))
         whiten = np.linalg.inv(np.linalg.cholesky(noise))
-        found = Coefficients(self._grid, whiten @ self._projection, whiten @ response, self._prior)
-        match = match_twitch(found)
+        lag, projection = self._grid
+        match = match_twitch(
+            Coefficients(lag, whiten @ projection, whiten @ response, self._prior)
+        )
         jacobian = np.column_stack((match.peak * match.columns[:, 1:], match.columns[:, 0]))
         information = jacobian.T @ jacobian
         information[:3, :3] += np.diag(self._prior.deviation**-2)

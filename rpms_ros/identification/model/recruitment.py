@@ -94,8 +94,7 @@ def counted(intensity: float, weight: float, theta: FloatArray) -> float:
     """Return the recruitment of a pulse times the weight by its interval; theta (26,)."""
     logarithm = math.log(max(weight, _LEAST_WEIGHT))
     power = theta[_LONGER] if logarithm > 0.0 else theta[_SHORTER]
-    value: float = math.exp(power * logarithm) * recruitment(intensity, theta)
-    return value
+    return math.exp(power * logarithm) * recruitment(intensity, theta)
 
 
 @numba.njit(cache=True)

@@ -2,52 +2,27 @@
 # SPDX-License-Identifier: Apache-2.0
 """Settings of the recursive estimator, with the paper's Tables 4 and 5 as presets."""
 
-import math
 from dataclasses import dataclass, field, replace
 
 from rpms_ros.errors import IdentificationError, check_number
 from rpms_ros.identification.model.basis import DistortedSineBasis
 from rpms_ros.muscle.recruitment import SMALLEST_SEPARATION, RecruitmentParameters
 
+BOUNDS = {'u_thr': (0.0, 1.0), 'u_sat': (0.05, 1.5), 'alpha_sat': (0.5, 50.0)}
+"""Lowest and highest value of nonlinear parameters.
 
-@dataclass(frozen=True)
-class RecruitmentBounds:
-    """Bounds of the nonlinear parameters, and the least distance of saturation and threshold.
+u_sat is besides at least `SMALLEST_SEPARATION` above u_thr: without that the recursion can end in
+the minimum with the two exchanged.
+"""
 
-    Without that distance the recursion can end in the minimum with u_thr and u_sat exchanged.
 
-    Attributes
-    ----------
-    u_thr, u_sat, alpha_sat : tuple of float
-        Lowest and highest value.
-    separation : float
-        u_sat is at least this far above u_thr.
-    """
-
-    u_thr: tuple[float, float] = (0.0, 1.0)
-    u_sat: tuple[float, float] = (0.05, 1.5)
-    alpha_sat: tuple[float, float] = (0.5, 50.0)
-    separation: float = SMALLEST_SEPARATION
-
-    def __post_init__(self) -> None:
-        for name in ('u_thr', 'u_sat', 'alpha_sat'):
-            low, high = getattr(self, name)
-            if not -math.inf < low < high < math.inf:
-                raise IdentificationError(f'expected bounds of {name} in order, got {low}, {high}')
-        check_number(IdentificationError, 'separation', self.separation, 0, above=True)
-        if not self.u_thr[1] + self.separation <= self.u_sat[1]:
-            raise IdentificationError(
-                'expected room for the separation between the highest u_thr and the highest '
-                f'u_sat, got {self.u_thr[1]}, {self.u_sat[1]} and {self.separation}'
-            )
-
-    def hold(self, parameters: RecruitmentParameters) -> bool:
-        """Return whether the parameters lie within the bounds."""
-        return (
-            self.u_thr[0] <= parameters.u_thr <= self.u_thr[1]
-            and self.u_sat[0] <= parameters.u_sat <= self.u_sat[1]
-            and self.alpha_sat[0] <= parameters.alpha_sat <= self.alpha_sat[1]
-            and parameters.u_sat >= parameters.u_thr + self.separation
+def check_start(start: RecruitmentParameters) -> None:
+    """Raise `IdentificationError` unless the parameters lie within the bounds."""
+    ranges = zip(start[:3], BOUNDS.values(), strict=True)
+    held = all(low <= value <= high for value, (low, high) in ranges)
+    if not held or not start.u_sat >= start.u_thr + SMALLEST_SEPARATION:
+        raise IdentificationError(
+            f'expected a start within the bounds and u_thr < u_sat, got {start}'
         )
 
 
@@ -91,8 +66,6 @@ class RecursiveSettings:
         Project the gradient off the linear regressors (variable projection); False takes the
         plain partial derivative at fixed linear parameters, which loses the curve under a
         sinusoidal intensity.
-    bounds : RecruitmentBounds
-        Bounds of the nonlinear parameters.
 
     Raises
     ------
@@ -112,7 +85,6 @@ class RecursiveSettings:
     linear_covariance: float = 1e6
     force_scale: float = 1.0
     projected: bool = True
-    bounds: RecruitmentBounds = field(default_factory=RecruitmentBounds)
 
     def __post_init__(self) -> None:
         refused = IdentificationError
@@ -124,10 +96,7 @@ class RecursiveSettings:
         for name in _POSITIVE:
             check_number(refused, name, getattr(self, name), 0, above=True)
         check_number(refused, 'alpha_thr', self.start.alpha_thr, 0, above=True)
-        if not self.bounds.hold(self.start):
-            raise IdentificationError(
-                f'expected a start within the bounds and u_thr < u_sat, got {self.start}'
-            )
+        check_start(self.start)
 
 
 TABLE_4 = RecursiveSettings()
@@ -145,16 +114,9 @@ PEOPLE_PRESET = 'people'
 PRESET_NAMES = (PEOPLE_PRESET, *PAPER_PRESETS)
 """Presets that command lines and node parameters accept."""
 
-_FORMER_NAMES = {'table_4': 'paper_table_4', 'table_5': 'paper_table_5'}
-
 
 def check_preset(name: str) -> None:
     """Raise `IdentificationError` unless the name is one of `PRESET_NAMES`."""
-    if name in _FORMER_NAMES:
-        raise IdentificationError(
-            f'expected a preset of {", ".join(PRESET_NAMES)}, got {name!r}, which is now '
-            f'{_FORMER_NAMES[name]} and only reproduces the paper: for people leave it out'
-        )
     if name not in PRESET_NAMES:
         raise IdentificationError(f'expected a preset of {", ".join(PRESET_NAMES)}, got {name!r}')
 

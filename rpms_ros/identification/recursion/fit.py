@@ -71,6 +71,7 @@ class Fit(NamedTuple):
 def empty_fit(theta: FloatArray, functions: int, knots: int) -> Fit:
     """Return a fit without data."""
     unknowns = PARAMETERS + functions + knots
+    single = ['cost', 'squares', 'samples', 'energy', 'variance', 'moved', 'failures']
     return Fit(
         theta=theta.copy(),
         linear=np.zeros(functions),
@@ -78,14 +79,8 @@ def empty_fit(theta: FloatArray, functions: int, knots: int) -> Fit:
         matrix=np.zeros((unknowns, unknowns)),
         right=np.zeros(unknowns),
         complete=np.zeros((unknowns, unknowns)),
-        cost=np.zeros(1),
-        squares=np.zeros(1),
-        samples=np.zeros(1),
-        energy=np.zeros(1),
-        variance=np.zeros(1),
         damping=np.full(1, 1e-3),
-        moved=np.zeros(1),
-        failures=np.zeros(1),
+        **{name: np.zeros(1) for name in single},
     )
 
 
@@ -194,7 +189,12 @@ def uncertainty(
     inverse = 0.5 * (inverse + inverse.T) * variance
     inverse[PARAMETERS:] *= np.sqrt(inflation)
     inverse[:, PARAMETERS:] *= np.sqrt(inflation)
-    covariance = _inflate_parameters(inverse, prior, inflation)[:joint, :joint]
+    # the deviations of theta are inflated at most to those of the prior
+    deviation = np.sqrt(np.maximum(np.diag(inverse)[:PARAMETERS], 0.0))
+    most = np.maximum(prior.deviation / np.maximum(deviation, 1e-300), 1.0)
+    scale = np.ones(joint)
+    scale[:PARAMETERS] = np.minimum(np.sqrt(inflation), most)
+    covariance = inverse[:joint, :joint] * np.outer(scale, scale)
     by_basis = MISFIT * float(np.linalg.norm(fit.linear) * np.linalg.norm(area))
     muscle = replace(
         muscle,
@@ -202,13 +202,3 @@ def uncertainty(
         area_error=math.hypot(by_basis / math.sqrt(len(fit.linear)), sums.missing_area(variance)),
     )
     return muscle, Uncertainty(covariance, confidence)
-
-
-def _inflate_parameters(covariance: FloatArray, prior: Prior, factor: float) -> FloatArray:
-    """Inflate the covariance of theta, each deviation at most to that of the prior."""
-    deviation = np.sqrt(np.maximum(np.diag(covariance)[:PARAMETERS], 0.0))
-    most = np.maximum(prior.deviation / np.maximum(deviation, 1e-300), 1.0)
-    scale = np.ones(len(covariance))
-    scale[:PARAMETERS] = np.minimum(np.sqrt(factor), most)
-    result: FloatArray = covariance * np.outer(scale, scale)
-    return result

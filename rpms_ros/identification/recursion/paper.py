@@ -34,8 +34,6 @@ from rpms_ros.muscle.recruitment import (
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, nanoseconds
 
 RESPONSE_STEP = 5e-3
-# Initial room for pulses that act at the same time.
-ACTING_PULSES = 32
 
 
 class ModifiedRecursiveLM:
@@ -68,7 +66,6 @@ class ModifiedRecursiveLM:
         self.rate_hz = rate_hz
         self._constants = _constants(settings)
         self._state = _start(settings, seed)
-        self._workspace = workspace(settings.basis.functions, ACTING_PULSES)
         self._onset_ns = np.empty(0, dtype=np.int64)
         self._intensity = np.empty(0)
         self._intensity_range = (np.inf, -np.inf)
@@ -94,7 +91,6 @@ class ModifiedRecursiveLM:
         self._plausibility.add_pulses(onset_ns, intensity)
         self._onset_ns = np.concatenate((self._onset_ns, onset_ns))
         self._intensity = np.concatenate((self._intensity, intensity))
-        self._make_room()
         self._intensity_range = recruiting_range(intensity, self._intensity_range)
         self._pulses += len(onset_ns)
 
@@ -113,19 +109,10 @@ class ModifiedRecursiveLM:
 
         See `rpms_ros.identification.model.estimate.Estimator.update`.
         """
-        prediction = np.empty(len(stamp_ns))
         if not len(stamp_ns):
-            return prediction
+            return np.empty(0)
         self._plausibility.add_forces(force, usable)
-        process(
-            stamp_ns,
-            force,
-            usable,
-            self._onset_ns,
-            self._intensity,
-            Recursion(self._constants, self._state, self._workspace),
-            prediction,
-        )
+        prediction = self._process(stamp_ns, force, usable)
         oldest = int(stamp_ns[-1]) - nanoseconds(self.memory + 1e-3)
         if len(self._onset_ns) and self._onset_ns[0] < oldest:
             kept = int(np.searchsorted(self._onset_ns, oldest))
@@ -135,11 +122,8 @@ class ModifiedRecursiveLM:
 
     def predict(self, stamp_ns: IntArray) -> FloatArray:
         """Return the prediction of the next samples (samples,) [N]."""
-        expected = np.empty(len(stamp_ns))
-        recursion = Recursion(self._constants, self._state, self._workspace)
         nothing, unused = np.zeros(len(stamp_ns)), np.zeros(len(stamp_ns), dtype=np.bool_)
-        process(stamp_ns, nothing, unused, self._onset_ns, self._intensity, recursion, expected)
-        return expected
+        return self._process(stamp_ns, nothing, unused)
 
     def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
         """Return the present estimate."""
@@ -173,13 +157,10 @@ class ModifiedRecursiveLM:
         )
         return self._plausibility.examine(estimate)
 
-    def _make_room(self) -> None:
-        """Enlarge the workspace to the largest number of pulses that act at the same time."""
-        span = nanoseconds(self.memory)
-        oldest = np.searchsorted(self._onset_ns, self._onset_ns - span)
-        most = int((np.arange(1, len(oldest) + 1) - oldest).max()) + 1
-        if most > len(self._workspace.basis):
-            self._workspace = workspace(self.settings.basis.functions, 2 * most)
+    def _process(self, stamp_ns: IntArray, force: FloatArray, usable: BoolArray) -> FloatArray:
+        work = workspace(self.settings.basis.functions, len(self._onset_ns))
+        recursion = Recursion(self._constants, self._state, work)
+        return process(stamp_ns, force, usable, self._onset_ns, self._intensity, recursion)
 
     def _curve(self, parameters: RecruitmentParameters, linear: FloatArray) -> FloatArray:
         """Return K rho(u) [N] (101,), empty if one intensity only has been seen."""
@@ -192,22 +173,12 @@ class ModifiedRecursiveLM:
 
 def _constants(settings: RecursiveSettings) -> RecursionConstants:
     basis = settings.basis
-    bounds = settings.bounds
     return RecursionConstants(
         shape=np.array(
             [basis.tap * NANOSECONDS_PER_SECOND, float(basis.memory_taps), basis.form_factor]
         ),
         mixing=np.ascontiguousarray(basis.mixing),
-        force_scale=settings.force_scale,
-        forgetting=settings.forgetting,
-        damping_factor=settings.damping_factor,
-        gain_ratio_margin=settings.gain_ratio_margin,
-        condition_limit=settings.condition_limit,
-        damping_increment=settings.damping_increment,
-        projected=settings.projected,
-        lower=np.array([bounds.u_thr[0], bounds.u_sat[0], bounds.alpha_sat[0]]),
-        upper=np.array([bounds.u_thr[1], bounds.u_sat[1], bounds.alpha_sat[1]]),
-        separation=bounds.separation,
+        **{name: getattr(settings, name) for name in RecursionConstants._fields[2:]},
     )
 
 

@@ -41,11 +41,18 @@ import numpy.typing as npt
 
 from rpms_ros.identification.model.basis import distorted_sines
 from rpms_ros.identification.model.levenberg_marquardt import condition_number, dot, solve_positive
-from rpms_ros.muscle.recruitment import arctan_recruitment, arctan_recruitment_with_gradient
+from rpms_ros.identification.model.settings import BOUNDS
+from rpms_ros.muscle.recruitment import (
+    SMALLEST_SEPARATION,
+    arctan_recruitment,
+    arctan_recruitment_with_gradient,
+)
 from rpms_ros.pulses import BoolArray, FloatArray, IntArray
 
 # u_thr, u_sat and alpha_sat are identified; alpha_thr is the fourth parameter, fixed.
 NONLINEAR = 3
+_LOWER = np.array([low for low, _ in BOUNDS.values()])
+_UPPER = np.array([high for _, high in BOUNDS.values()])
 RecordArray = npt.NDArray[np.void]
 
 
@@ -93,7 +100,7 @@ class RecursionState(NamedTuple):
 
 
 class RecursionConstants(NamedTuple):
-    """Constants: the basis and the design parameters of Tables 4 and 5."""
+    """Constants: the basis, and design parameters of `RecursiveSettings` by their names there."""
 
     shape: FloatArray
     mixing: FloatArray
@@ -104,9 +111,6 @@ class RecursionConstants(NamedTuple):
     condition_limit: float
     damping_increment: float
     projected: bool
-    lower: FloatArray
-    upper: FloatArray
-    separation: float
 
 
 class Workspace(NamedTuple):
@@ -134,7 +138,7 @@ class Recursion(NamedTuple):
 
 
 def workspace(functions: int, acting_pulses: int) -> Workspace:
-    """Return arrays for a basis of `functions` functions and so many pulses acting at once."""
+    """Return arrays for so many functions, and at most so many pulses acting at once."""
     return Workspace(
         basis=np.zeros((acting_pulses, functions)),
         raw=np.zeros(functions),
@@ -152,83 +156,58 @@ def workspace(functions: int, acting_pulses: int) -> Workspace:
 
 @numba.njit(cache=True)
 def basis_of_pulses(
-    stamp_ns: int, onset_ns: IntArray, first: int, last: int, shape: FloatArray, values: FloatArray
+    stamp_ns: int, onset_ns: IntArray, shape: FloatArray, values: FloatArray
 ) -> None:
-    """Write the raw basis of pulses first..last-1 into rows 0.. of `values`.
+    """Write the raw basis of pulses into the first rows of `values`.
 
     Parameters
     ----------
     stamp_ns : int
         Time of the sample [ns].
     onset_ns : ndarray of int64, shape (pulses,)
-        Onsets [ns].
-    first, last : int
-        The pulses that can act.
+        Onsets of the pulses that can act [ns].
     shape : ndarray (3,)
         Tap [ns], memory [taps], form factor [taps].
     values : ndarray (rows, functions)
         Zero where a pulse lies outside the support.
     """
-    for pulse in range(first, last):
-        row = pulse - first
+    for pulse in range(len(onset_ns)):
         tap = (stamp_ns - onset_ns[pulse]) / shape[0]
-        if not distorted_sines(tap, shape[1], shape[2], values[row]):
-            values[row, :] = 0.0
+        if not distorted_sines(tap, shape[1], shape[2], values[pulse]):
+            values[pulse, :] = 0.0
 
 
 @numba.njit(cache=True)
-def regress(
-    intensity: FloatArray,
-    first: int,
-    last: int,
-    theta: FloatArray,
-    values: FloatArray,
-    raw: FloatArray,
-) -> None:
-    """Write ``sum_q rho(theta, u_q) r~(lag_q)`` into `raw` (functions,)."""
+def regress(intensity: FloatArray, theta: FloatArray, work: Workspace) -> None:
+    """Write ``sum_q rho(theta, u_q) r~(lag_q)`` over the rows of `work.basis` into `work.raw`."""
     offset = arctan_recruitment(0.0, theta)
-    raw[:] = 0.0
-    for pulse in range(first, last):
+    work.raw[:] = 0.0
+    for pulse in range(len(intensity)):
         rho = arctan_recruitment(intensity[pulse], theta) - offset
-        for function in range(len(raw)):
-            raw[function] += rho * values[pulse - first, function]
+        for function in range(len(work.raw)):
+            work.raw[function] += rho * work.basis[pulse, function]
 
 
 @numba.njit(cache=True)
-def regress_with_gradient(
-    intensity: FloatArray,
-    first: int,
-    last: int,
-    theta: FloatArray,
-    values: FloatArray,
-    raw: FloatArray,
-    raw_gradient: FloatArray,
-    scratch: FloatArray,
-) -> bool:
+def regress_with_gradient(intensity: FloatArray, theta: FloatArray, work: Workspace) -> bool:
     """Write the sums of `regress` and of its derivatives; return whether any pulse recruits.
 
-    Parameters
-    ----------
-    raw : ndarray (functions,)
-        As in `regress`.
-    raw_gradient : ndarray (parameters, functions)
-        ``sum_q d rho / d theta_j r~(lag_q)`` for the leading parameters of theta.
-    scratch : ndarray (2, 4)
-        Overwritten.
+    The derivatives ``sum_q d rho / d theta_j r~(lag_q)`` are those by the leading parameters.
     """
+    raw, raw_gradient, scratch = work.raw, work.raw_gradient, work.scratch
     offset = arctan_recruitment_with_gradient(0.0, theta, scratch[0])
     raw[:] = 0.0
     raw_gradient[:] = 0.0
     recruits = False
-    for pulse in range(first, last):
+    for pulse in range(len(intensity)):
         rho = arctan_recruitment_with_gradient(intensity[pulse], theta, scratch[1]) - offset
         recruits = recruits or rho != 0.0
         for function in range(len(raw)):
-            raw[function] += rho * values[pulse - first, function]
+            raw[function] += rho * work.basis[pulse, function]
         for place in range(len(raw_gradient)):
             slope = scratch[1, place] - scratch[0, place]
             for function in range(len(raw)):
-                raw_gradient[place, function] += slope * values[pulse - first, function]
+                raw_gradient[place, function] += slope * work.basis[pulse, function]
     return recruits
 
 
@@ -236,10 +215,7 @@ def regress_with_gradient(
 def mix(mixing: FloatArray, raw: FloatArray, regressor: FloatArray) -> None:
     """Write ``mixing raw`` (functions,), mixing lower triangular, into `regressor`."""
     for function in range(len(raw)):
-        total = 0.0
-        for other in range(function + 1):
-            total += mixing[function, other] * raw[other]
-        regressor[function] = total
+        regressor[function] = dot(mixing[function], raw)
 
 
 OUTPUT_ERROR_TIME = 1.0
@@ -253,13 +229,10 @@ def _plain_derivative(
     linear: FloatArray, mixing: FloatArray, raw_gradient: FloatArray, derivative: FloatArray
 ) -> None:
     """Write psi = d(phi^T w)/d theta (3,)."""
-    count = len(linear)
     derivative[:] = 0.0
-    for other in range(count):
+    for other in range(len(linear)):
         # w^T mixing, column by column: the raw sums need not be transformed
-        weight = 0.0
-        for function in range(other, count):
-            weight += linear[function] * mixing[function, other]
+        weight = dot(linear, mixing[:, other])
         for place in range(NONLINEAR):
             derivative[place] += weight * raw_gradient[place, other]
 
@@ -324,14 +297,13 @@ def _damped_step(
 
 
 @numba.njit(cache=True)
-def _bounded(theta: FloatArray, constants: RecursionConstants, work: Workspace) -> None:
+def _bounded(theta: FloatArray, work: Workspace) -> None:
     """Write theta + step, held within bounds, into the candidate."""
     candidate = work.candidate
     candidate[NONLINEAR] = theta[NONLINEAR]
     for row in range(NONLINEAR):
-        value = theta[row] + work.step[row]
-        candidate[row] = min(max(value, constants.lower[row]), constants.upper[row])
-    candidate[1] = max(candidate[1], candidate[0] + constants.separation)
+        candidate[row] = min(max(theta[row] + work.step[row], _LOWER[row]), _UPPER[row])
+    candidate[1] = max(candidate[1], candidate[0] + SMALLEST_SEPARATION)
 
 
 @numba.njit(cache=True)
@@ -359,18 +331,9 @@ def _judge(
 
 
 @numba.njit(cache=True)
-def _learn(
-    force: float,
-    error: float,
-    intensity: FloatArray,
-    first: int,
-    last: int,
-    state: RecursionState,
-    constants: RecursionConstants,
-    work: Workspace,
-) -> None:
+def _learn(force: float, error: float, intensity: FloatArray, recursion: Recursion) -> None:
     """Update the state by one sample whose regressors are in the workspace."""
-    scalars = state.scalars
+    constants, state, work = recursion.constants, recursion.state, recursion.work
     derivative, regressor, linear = work.derivative, work.regressor, state.linear
     _plain_derivative(linear, constants.mixing, work.raw_gradient, derivative)
     denominator, forgetting = _gain(state.covariance, regressor, constants.forgetting, work.gain)
@@ -391,13 +354,13 @@ def _learn(
             outer = factor * derivative[row] * derivative[column]
             hessian[row, column] = constants.forgetting * hessian[row, column] + outer
     _damped_step(state, constants, work, scaled_error)
-    _bounded(state.theta, constants, work)
+    _bounded(state.theta, work)
     predicted = _predicted_reduction(hessian, work.step, derivative, scaled_error)
     before = (force - dot(regressor, linear)) / scale
-    regress(intensity, first, last, work.candidate, work.basis, work.raw)
+    regress(intensity, work.candidate, work)
     mix(constants.mixing, work.raw, regressor)
     after = (force - dot(regressor, linear)) / scale
-    if _judge(scalars, constants, 0.5 * (before * before - after * after), predicted):
+    if _judge(state.scalars, constants, 0.5 * (before * before - after * after), predicted):
         state.theta[:] = work.candidate
 
 
@@ -409,16 +372,16 @@ def process(
     onset_ns: IntArray,
     intensity: FloatArray,
     recursion: Recursion,
-    prediction: FloatArray,
-) -> None:
+) -> FloatArray:
     """Run the recursion over ascending samples (samples,) and ascending pulses (pulses,).
 
-    Writes the a-priori prediction of each sample and updates the state in place.  A sample on
+    Returns the a-priori prediction of each sample and updates the state in place.  A sample on
     which no pulse acts does not inform about the parameters: the state does not change.
     """
     constants, state, work = recursion.constants, recursion.state, recursion.work
     shape, scalars = constants.shape, state.scalars
     span_ns = shape[0] * (shape[1] + 0.5)
+    prediction = np.empty(len(stamp_ns))
     first = 0
     last = 0
     for index in range(len(stamp_ns)):
@@ -427,17 +390,9 @@ def process(
             last += 1
         while first < last and stamp - onset_ns[first] > span_ns:
             first += 1
-        basis_of_pulses(stamp, onset_ns, first, last, shape, work.basis)
-        recruits = regress_with_gradient(
-            intensity,
-            first,
-            last,
-            state.theta,
-            work.basis,
-            work.raw,
-            work.raw_gradient,
-            work.scratch,
-        )
+        basis_of_pulses(stamp, onset_ns[first:last], shape, work.basis)
+        acting = intensity[first:last]
+        recruits = regress_with_gradient(acting, state.theta, work)
         mix(constants.mixing, work.raw, work.regressor)
         prediction[index] = dot(work.regressor, state.linear) if recruits else 0.0
         if not usable[index]:
@@ -450,5 +405,6 @@ def process(
             decay * scalars['force_energy'][0] + force[index] * force[index]
         )
         if recruits:
-            _learn(force[index], error, intensity, first, last, state, constants, work)
+            _learn(force[index], error, acting, recursion)
             scalars['samples'][0] += 1
+    return prediction

@@ -19,7 +19,7 @@ needed to exceed 20: a knock or a single spike is no change.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -58,59 +58,19 @@ from rpms_ros.identification.recursion.people_kernel import (
     take,
 )
 from rpms_ros.muscle.recruitment import RecruitmentParameters, identified_recruitment
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, nanoseconds
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray
 
+PEOPLE = ProjectionSettings(start=RecruitmentParameters(0.50, 0.90, 6.0, 5.5))
+"""Model for people: latency of 8 ms, alpha_thr free."""
 
-def _model() -> ProjectionSettings:
-    return ProjectionSettings(start=RecruitmentParameters(0.50, 0.90, 6.0, 5.5))
-
-
-@dataclass(frozen=True)
-class FixedSizeSettings:
-    """Model and memory of the recursion for people.
-
-    Attributes
-    ----------
-    model : ProjectionSettings
-        Basis, start, prior, bounds, `by_rate` and level of the intervals.
-    memory_time : float
-        Time constant with which samples are forgotten, in time during which pulses act [s].
-    memory_after_change : float
-        Weight of the memory after a change, in seconds of samples [s].
-    drift : float
-        Standard deviation of the random walk of the baseline in a second, relative to that of
-        the noise of a sample.
-    step_period : float
-        Shortest time between two steps of the parameters [s].
-
-    Raises
-    ------
-    IdentificationError
-        If a value is not possible.
-    """
-
-    model: ProjectionSettings = field(default_factory=_model)
-    memory_time: float = 40.0
-    memory_after_change: float = 0.02
-    drift: float = 0.1
-    step_period: float = 0.04
-
-    def __post_init__(self) -> None:
-        for name in ('memory_time', 'memory_after_change', 'drift', 'step_period'):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise IdentificationError(f'expected {name} above 0, got {value}')
-        if not self.memory_after_change < self.memory_time:
-            raise IdentificationError(
-                'expected memory_after_change below memory_time, got '
-                f'{self.memory_after_change} and {self.memory_time}'
-            )
-
-
-PEOPLE = FixedSizeSettings()
-"""For people: latency of 8 ms, alpha_thr free, memory of 40 s."""
-
-
+# Samples are forgotten with this time constant, in time during which pulses act; after a change
+# the memory has the weight of so many seconds of samples [s].
+_MEMORY_TIME, _MEMORY_AFTER_CHANGE = 40.0, 0.02
+# Standard deviation of the random walk of the baseline in a second, relative to that of the noise
+# of a sample.
+_WALK = 0.1
+# Shortest time between two steps of the parameters [ns].
+_STEP_NS = 40_000_000
 # Another start is tried every so many steps, with so many steps of its own; it is taken if its
 # cost is lower by more than noise explains (chi-square, one in a thousand, four parameters).
 _CHALLENGE_STEPS = 20
@@ -206,13 +166,7 @@ class ResidualSpread:
         self._kept = np.zeros(3)
 
     def take(
-        self,
-        start_ns: int,
-        seconds: float,
-        residual: float,
-        samples: float,
-        recruitment: float,
-        kept: float,
+        self, start_ns: int, seconds: float, error: float, samples: float, rho: float, kept: float
     ) -> None:
         """Add a block.
 
@@ -222,12 +176,12 @@ class ResidualSpread:
             Its start [ns].
         seconds : float
             The time that its samples cover.
-        residual : float
+        error : float
             Sum of its residuals [N].
         samples : float
             Number of its samples.
-        recruitment : float
-            Of its pulse.
+        rho : float
+            Recruitment of its pulse.
         kept : float
             Factor on the weights of earlier blocks.
         """
@@ -238,32 +192,25 @@ class ResidualSpread:
                     self._total[place] += self._sum[place] ** 2 / self._count[place]
                     self._weight[place] += 1.0
                 self._cell[place] = cell
-                self._sum[place] = 0.0
-                self._count[place] = 0.0
-        self._sum += residual
+                self._sum[place] = self._count[place] = 0.0
+        self._sum += error
         self._count += samples
         self._total *= kept
         self._weight *= kept
         self._kept *= kept
-        self._kept += (samples, seconds, recruitment**2)
+        self._kept += (samples, seconds, rho**2)
 
     def forget(self) -> None:
         """Forget all earlier blocks."""
-        self._total[:] = 0.0
-        self._weight[:] = 0.0
-        self._kept[:] = 0.0
-
-    @property
-    def mean(self) -> FloatArray:
-        """The means (lengths,) [N^2], zero with too few sums."""
-        known = self._weight >= _LEAST_SUMS
-        return np.where(known, self._total / np.maximum(self._weight, 1.0), 0.0)
+        for sums in (self._total, self._weight, self._kept):
+            sums[:] = 0.0
 
     @property
     def sums(self) -> ResidualSums:
-        """The means, and what they were made from."""
-        samples, seconds, recruited = (float(value) for value in self._kept)
-        return ResidualSums(self.mean, float(self._weight[0]), samples, seconds, recruited)
+        """The means, zero with too few sums, and what they were made from."""
+        known = self._weight >= _LEAST_SUMS
+        mean = np.where(known, self._total / np.maximum(self._weight, 1.0), 0.0)
+        return ResidualSums(mean, float(self._weight[0]), *self._kept.tolist())
 
 
 # Residuals count for the intervals with this share of the time since the last change as time
@@ -280,8 +227,8 @@ class FixedSizeRecursion:
 
     Parameters
     ----------
-    settings : FixedSizeSettings
-        Model and memory; `PEOPLE` by default.
+    settings : ProjectionSettings
+        Basis, start, prior, `by_rate` and level of the intervals; `PEOPLE` by default.
     rate_hz : float
         Repetition rate for which the recruitment curve is stated [Hz].
 
@@ -295,31 +242,30 @@ class FixedSizeRecursion:
     on_line = True
 
     def __init__(
-        self, settings: FixedSizeSettings = PEOPLE, rate_hz: float = DEFAULT_RATE
+        self, settings: ProjectionSettings = PEOPLE, rate_hz: float = DEFAULT_RATE
     ) -> None:
         if not (math.isfinite(rate_hz) and rate_hz > 0):
             raise IdentificationError(f'expected a repetition rate above 0 Hz, got {rate_hz}')
         self.settings = settings
         self.rate_hz = rate_hz
-        model = settings.model
-        self._input_gain = model.basis.input_gain
-        self._rate = 2.0 / model.basis.time_constant
-        self._step_ns = nanoseconds(settings.step_period)
-        self._memory = empty_memory(KNOTS, model.basis.functions)
-        self._prediction = fresh_prediction_state(model.basis.functions)
-        start = np.array(model.start)
-        self._prior = model.as_prior()
-        self._fit = empty_fit(start, model.basis.functions, 1)
+        basis = settings.basis
+        self._input_gain = basis.input_gain
+        self._rate = 2.0 / basis.time_constant
+        self._memory = empty_memory(KNOTS, basis.functions)
+        self._prediction = fresh_prediction_state(basis.functions)
+        start = np.array(settings.start)
+        self._prior = settings.as_prior()
+        self._fit = empty_fit(start, basis.functions, 1)
         # scratch: a trial step, and a fit from another start
-        self._workspace = [empty_fit(start, model.basis.functions, 1) for _ in range(2)]
-        self._starts = [start[:PARAMETERS] for start in model.starts()]
+        self._workspace = [empty_fit(start, basis.functions, 1) for _ in range(2)]
+        self._starts = [start[:PARAMETERS] for start in settings.starts()]
         self._steps = 0
         self._test = ChangeTest()
         self._spread = ResidualSpread()
         self._fresh = True
         self._stepped_ns: int | None = None
-        self._delay_line = PulseDelayLine(model.basis.latency, model.by_rate, rate_hz)
-        self._builder = EstimateBuilder(self.name, model.basis, rate_hz, model.confidence)
+        self._delay_line = PulseDelayLine(basis.latency, settings.by_rate, rate_hz)
+        self._builder = EstimateBuilder(self.name, basis, rate_hz, settings.confidence)
         self._pulses = 0
         self._plausibility = PlausibilityCheck()
         self._intensity_range = (np.inf, -np.inf)
@@ -327,7 +273,7 @@ class FixedSizeRecursion:
     @property
     def memory(self) -> float:
         """Longest time for which a pulse acts on the model's output [s]."""
-        return self.settings.model.basis.duration
+        return self.settings.basis.duration
 
     @property
     def parameters(self) -> RecruitmentParameters:
@@ -349,9 +295,8 @@ class FixedSizeRecursion:
         self._memory.blocks.size[0] = 0
         self._fresh = True
         self._stepped_ns = None
-        self._prediction.error_energy[0] = 0.0
-        self._prediction.force_energy[0] = 0.0
-        self._prediction.squares[0] = 0.0
+        carried = self._prediction
+        carried.error_energy[0] = carried.force_energy[0] = carried.squares[0] = 0.0
         self._test.interrupt()
 
     def update(self, stamp_ns: IntArray, force: FloatArray, usable: BoolArray) -> FloatArray:
@@ -360,21 +305,15 @@ class FixedSizeRecursion:
         See `rpms_ros.identification.model.estimate.Estimator.update`.
         """
         prediction = np.empty(len(stamp_ns))
+        blocks, carried = self._memory.blocks, self._prediction
         self._plausibility.add_forces(force, usable)
         first = 0
         while first < len(stamp_ns):
             end_ns = self._begin_blocks(int(stamp_ns[first]))
             last = int(np.searchsorted(stamp_ns, end_ns, side='right'))
-            part = slice(first, last)
-            take(
-                stamp_ns[part],
-                force[part],
-                usable[part],
-                self._memory.blocks,
-                self._prediction,
-                float(self._fit.levels[0]),
-                self._rate,
-                prediction[part],
+            part, level = slice(first, last), float(self._fit.levels[0])
+            prediction[part] = take(
+                stamp_ns[part], force[part], usable[part], blocks, carried, level, self._rate
             )
             first = last
         return prediction
@@ -398,9 +337,8 @@ class FixedSizeRecursion:
         )
         if fit.failures[0]:
             faults = {**faults, FACTORISATION_FAILED: int(fit.failures[0])}
-        model, prior = self.settings.model, self._prior
-        sums, area = self._spread.sums, model.basis.area
-        found, sure = uncertainty(fit, prior, sums, area, model.confidence)
+        sums, prior, confidence = self._spread.sums, self._prior, self.settings.confidence
+        found, sure = uncertainty(fit, prior, sums, self.settings.basis.area, confidence)
         estimate = self._builder.make(stamp_ns, found, sure, prior.deviation, counters, faults)
         estimate = replace(self._plausibility.examine(estimate), changes=self._test.changes)
         changed_ns = self._test.changed_ns
@@ -430,17 +368,13 @@ class FixedSizeRecursion:
         if memory.blocks.size[0]:
             self._close_block(start_ns)
         push = self._input_gain * weight
-        if self._fresh:
-            memory.chains[:] = 0.0
-        begin_block(
-            memory.blocks, memory.chains, start_ns, intensity, push, self._rate, self._fresh
-        )
+        begin_block(memory, start_ns, intensity, push, self._rate, self._fresh)
         self._fresh = False
         recompute_response(memory.chains, fit.theta, fit.linear, self._prediction.response)
 
     def _close_block(self, end_ns: int) -> None:
         """Add a complete block to the memory, test for a change, take a step if one is due."""
-        memory, settings, fit = self._memory, self.settings, self._fit
+        memory, fit = self._memory, self._fit
         here = newest(memory.blocks)
         samples = float(memory.blocks.moments[here, COUNT])
         start_ns = int(memory.blocks.start_ns[here])
@@ -452,8 +386,8 @@ class FixedSizeRecursion:
         acting = excited(memory, self._input_gain)
         kept = 1.0
         if acting:
-            scale_memory(memory, math.exp(-seconds / settings.memory_time))
-            window = min(max(_NEWEST * self._test.learnt_s, 1.0), settings.memory_time)
+            scale_memory(memory, math.exp(-seconds / _MEMORY_TIME))
+            window = min(max(_NEWEST * self._test.learnt_s, 1.0), _MEMORY_TIME)
             kept = math.exp(-seconds / window)
         residual = residual_sum(memory.blocks, self._prediction.response, float(fit.levels[0]))
         weight = float(memory.blocks.weight[here]) / self._input_gain
@@ -461,15 +395,15 @@ class FixedSizeRecursion:
         # the block may have ended without samples: their mean time is half of what they cover
         covered = 2.0 * float(memory.blocks.moments[here, TIME]) / samples
         self._spread.take(start_ns, covered, residual, samples, weight * rho, kept)
-        let_baseline_drift(memory, settings.drift**2 * seconds)
+        let_baseline_drift(memory, _WALK**2 * seconds)
         add_block(memory, here)
         floor = _FLOOR * float(fit.variance[0]) + LEAST_ENERGY
         if acting and self._test.take(start_ns, seconds, mean_square + floor):
-            after = settings.memory_after_change * samples / max(seconds, 1e-3)
+            after = _MEMORY_AFTER_CHANGE * samples / max(seconds, 1e-3)
             scale_memory(memory, min(after / float(memory.samples[0]), 1.0))
             self._spread.forget()
             fit.damping[0] = _START_DAMPING
-        if self._stepped_ns is None or end_ns - self._stepped_ns >= self._step_ns:
+        if self._stepped_ns is None or end_ns - self._stepped_ns >= _STEP_NS:
             self._stepped_ns = end_ns
             self._learn()
 
@@ -485,8 +419,7 @@ class FixedSizeRecursion:
         refresh_variance(memory, prior, fit)
         self._steps += 1
         if self._steps % _CHALLENGE_STEPS == 0:
-            start = self._starts[self._steps // _CHALLENGE_STEPS % len(self._starts)]
-            self._challenge(start)
+            self._challenge(self._starts[self._steps // _CHALLENGE_STEPS % len(self._starts)])
         improve(StepProblem(memory, prior), fit, self._workspace[0], _ONE_STEP, True)
         # The covariance of weighted samples depends on the sum of the squared weights.
         fit.complete[:] = fit.matrix * (memory.samples[0] / memory.squared_samples[0])
@@ -500,8 +433,7 @@ class FixedSizeRecursion:
         other.damping[0] = _START_DAMPING
         if not evaluate(self._memory, self._prior, other):
             return
-        problem = StepProblem(self._memory, self._prior)
-        improve(problem, other, trial, _CHALLENGER_STEPS, True)
+        improve(StepProblem(self._memory, self._prior), other, trial, _CHALLENGER_STEPS, True)
         if other.cost[0] < fit.cost[0] - _CHALLENGER_GAIN * fit.variance[0]:
             accept(fit, other)
             fit.damping[0] = other.damping[0]

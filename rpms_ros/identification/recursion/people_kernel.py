@@ -133,10 +133,7 @@ def scale_memory(memory: Memory, share: float) -> None:
 @numba.njit(cache=True)
 def excited(memory: Memory, input_gain: float) -> bool:
     """Return whether any pulse still acts."""
-    largest = 0.0
-    for value in memory.chains.flat:
-        largest = max(largest, abs(value))
-    return largest > _NOTHING * input_gain
+    return bool(np.abs(memory.chains).max() > _NOTHING * input_gain)
 
 
 @numba.njit(cache=True)
@@ -232,8 +229,7 @@ def recruitment_at_knots(theta: FloatArray, values: FloatArray) -> None:
     zero = arctan_recruitment_with_gradient(0.0, theta, origin)
     count = values.shape[1]
     for knot in range(count):
-        intensity = (knot + 1) / count
-        values[0, knot] = arctan_recruitment_with_gradient(intensity, theta, slope) - zero
+        values[0, knot] = arctan_recruitment_with_gradient((knot + 1) / count, theta, slope) - zero
         for place in range(len(theta)):
             scale = theta[place] if place >= 2 else 1.0
             values[1 + place, knot] = scale * (slope[place] - origin[place])
@@ -269,14 +265,12 @@ class PredictionState(NamedTuple):
 
 def fresh_prediction_state(functions: int) -> PredictionState:
     """Return the state before the first sample."""
+    single = ['error_energy', 'force_energy', 'squares', 'learnt']
     return PredictionState(
         response=np.zeros(functions),
         values=np.zeros(functions),
-        error_energy=np.zeros(1),
-        force_energy=np.zeros(1),
-        squares=np.zeros(1),
-        learnt=np.zeros(1),
         previous_ns=np.zeros(1, dtype=np.int64),
+        **{name: np.zeros(1) for name in single},
     )
 
 
@@ -290,26 +284,22 @@ def recompute_response(
     recruitment_at_knots(theta, values)
     state = np.zeros(functions)
     for knot in range(knots):
-        for function in range(functions):
-            state[function] += values[0, knot] * chains[knot, function]
+        state += values[0, knot] * chains[knot]
     correlate(linear, state, response)
 
 
 @numba.njit(cache=True)
 def begin_block(
-    blocks: BlockStatistics,
-    chains: FloatArray,
-    start_ns: int,
-    intensity: float,
-    push: float,
-    rate: float,
-    fresh: bool,
+    memory: Memory, start_ns: int, intensity: float, push: float, rate: float, fresh: bool
 ) -> None:
     """Begin a block with a pulse, which adds `push` times its recruitment to the states.
 
     `rate` is 2 p [1/s]; a fresh block begins with zero states.
     """
+    blocks, chains = memory.blocks, memory.chains
     here = open_block(blocks, start_ns, intensity, push, rate, fresh)
+    if fresh:
+        chains[:] = 0.0
     values = np.empty(len(chains))
     interpolate(intensity, values)
     for knot in range(len(chains)):
@@ -339,10 +329,10 @@ def take(
     carried: PredictionState,
     level: float,
     rate: float,
-    prediction: FloatArray,
-) -> None:
-    """Add samples (samples,) to the block; write the a-priori prediction of each."""
+) -> FloatArray:
+    """Add samples (samples,) to the block; return the a-priori prediction of each."""
     here = newest(blocks)
+    prediction = np.empty(len(stamp_ns))
     for index in range(len(stamp_ns)):
         stamp = stamp_ns[index]
         tau = 1e-9 * (stamp - blocks.start_ns[here])
@@ -365,6 +355,7 @@ def take(
         carried.squares[0] += error * error
         carried.learnt[0] += 1.0
         add_sample(blocks, here, tau, force[index], carried.values)
+    return prediction
 
 
 @numba.njit(cache=True)

@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, TypeVar
+from typing import ClassVar, TypeVar
 
 import numpy as np
 
@@ -63,16 +63,8 @@ class Window:
             here = slice(int(edges[1]) - self.first, int(edges[2]) - self.first)
             if here.stop > here.start:
                 prediction = None if self.prediction is None else self.prediction[here]
-                yield (
-                    here,
-                    Window(
-                        self.stamp_ns[around],
-                        self.force[around],
-                        edges - edges[0],
-                        self.found[here],
-                        prediction,
-                    ),
-                )
+                samples = self.stamp_ns[around], self.force[around]
+                yield here, Window(*samples, edges - edges[0], self.found[here], prediction)
 
 
 @dataclass(frozen=True)
@@ -106,16 +98,10 @@ class ProcessedSamples:
         for cell in range(len(self.edges) - 1):
             samples, pulses = self.edges[cell : cell + 2], self.pulse_edges[cell : cell + 2]
             here, added = slice(*samples.tolist()), slice(*pulses.tolist())
-            yield ProcessedSamples(
-                self.stamp_ns[here],
-                self.force[here],
-                self.prediction[here],
-                self.usable[here],
-                self.onset_ns[added],
-                self.intensity[added],
-                samples - samples[0],
-                pulses - pulses[0],
-            )
+            learnt = self.prediction[here], self.usable[here]
+            given = self.onset_ns[added], self.intensity[added]
+            edges = samples - samples[0], pulses - pulses[0]
+            yield ProcessedSamples(self.stamp_ns[here], self.force[here], *learnt, *given, *edges)
 
     @cached_property
     def fits(self) -> list[tuple[int, float, float, float]]:
@@ -131,17 +117,11 @@ class ProcessedSamples:
             return []
         prediction = self.prediction[self.usable]
         residual = np.abs(self.force[self.usable] - prediction)
-        return list(
-            zip(
-                count.tolist(),
-                np.sqrt(np.add.reduceat(residual**2, begin) / count).tolist(),
-                np.maximum.reduceat(residual, begin).tolist(),
-                np.subtract(
-                    np.maximum.reduceat(prediction, begin), np.minimum.reduceat(prediction, begin)
-                ).tolist(),
-                strict=True,
-            )
-        )
+        error = np.sqrt(np.add.reduceat(residual**2, begin) / count)
+        largest = np.maximum.reduceat(residual, begin)
+        high, low = (end.reduceat(prediction, begin) for end in (np.maximum, np.minimum))
+        columns = count, error, largest, high - low
+        return list(zip(*(column.tolist() for column in columns), strict=True))
 
 
 class Monitor:
@@ -211,6 +191,8 @@ _SHORT_FOR_NS = 20_000_000_000
 # Each fault is one bit in the marks of a sample.
 _MOST_FAULTS = 62
 Answer = TypeVar('Answer')
+# The columns of `ProcessedSamples`.
+_Part = tuple[IntArray, FloatArray, FloatArray, BoolArray, IntArray, FloatArray]
 
 
 class Pipeline:
@@ -220,8 +202,6 @@ class Pipeline:
     ----------
     monitors : sequence of Monitor
         Called in this order.
-    sinks : sequence of Monitor
-        Called after them.
     delay_ns : int
         Least time for which samples wait before they are used [ns]; a cell is at most half as
         long, so that the samples of another cell after it are known.
@@ -237,13 +217,12 @@ class Pipeline:
     def __init__(
         self,
         monitors: Sequence[Monitor],
-        sinks: Sequence[Monitor],
         delay_ns: int,
         look_ahead_ns: int,
         counter: FaultCounter,
         on_line: bool = True,
     ) -> None:
-        self._monitors = [*monitors, *sinks]
+        self._monitors = list(monitors)
         self._counter = counter
         self._examines = delay_ns >= LEAST_DELAY_NS
         self.cell_ns = min(delay_ns // 2, CELL_NS) if self._examines else CELL_NS
@@ -257,9 +236,7 @@ class Pipeline:
         self._block: int | None = None
         self._marks = np.empty(0, dtype=np.int64)
         self._before = np.empty(0, dtype=np.int64), np.empty(0)
-        self._parts: list[
-            tuple[IntArray, FloatArray, FloatArray, BoolArray, IntArray, FloatArray]
-        ] = []
+        self._parts: list[_Part] = []
 
     def begin(self, stamp_ns: int) -> None:
         """Take the stamp of the first sample of a time line [ns]."""
@@ -314,36 +291,24 @@ class Pipeline:
             if found & (1 << bit)
         }
 
-    def add(
-        self,
-        stamp_ns: IntArray,
-        force: FloatArray,
-        prediction: FloatArray,
-        usable: BoolArray,
-        onset_ns: IntArray,
-        intensity: FloatArray,
-    ) -> None:
+    def add(self, *part: *_Part) -> None:
         """Keep processed samples until their block is complete; see `ProcessedSamples`."""
-        self._parts.append((stamp_ns, force, prediction, usable, onset_ns, intensity))
+        self._parts.append(part)
 
     def flush(self) -> tuple[int, int]:
         """Pass the complete block to the monitors; return how many samples and cells it had."""
         if not self._parts:
             return 0, 0
-        columns: Sequence[Any] = self._parts[0]
-        if len(self._parts) > 1:
-            columns = [np.concatenate(parts) for parts in zip(*self._parts, strict=True)]
+        columns = [np.concatenate(parts) for parts in zip(*self._parts, strict=True)]
         self._parts = []
-        stamps, force, prediction, usable, onset_ns, intensity = columns
+        stamps, onset_ns = columns[0], columns[4]
         grid_ns = self._grid_ns(int(stamps[0]))
         edges = np.searchsorted(stamps, grid_ns)
         edges = np.append(edges[:-1][np.diff(edges) > 0], len(stamps))
         known_ns = stamps[edges[1:-1] - 1] + self._look_ahead_ns
         inner = np.searchsorted(onset_ns, known_ns, side='right')
-        pulse_edges = np.concatenate(([0], inner, [len(onset_ns)]))
-        whole = ProcessedSamples(
-            stamps, force, prediction, usable, onset_ns, intensity, edges, pulse_edges
-        )
+        columns = [*columns, edges, np.concatenate(([0], inner, [len(onset_ns)]))]
+        whole = ProcessedSamples(*columns)
         for monitor in list(self._monitors):
             none: Mapping[str, int] = {}
             for name, count in self._ask(monitor, monitor.processed_all, whole, none).items():

@@ -100,7 +100,9 @@ class FarPulses:
         """Return the pulses no longer far at `until_ns` [ns], and how many were given up."""
         near: list[PulseTrain] = []
         given_up = self._room.refused(until_ns)
-        if self._count and (self._nearest_ns <= until_ns + FAR_NS or self._due(until_ns)):
+        oldest = self._kept[0][0] if self._kept else None
+        due = oldest is not None and until_ns > oldest + FAR_NS
+        if self._count and (due or self._nearest_ns <= until_ns + FAR_NS):
             kept, self._kept, self._count = self._kept, [], 0
             for newest_ns, train in kept:
                 far = train.onset_ns > until_ns + FAR_NS
@@ -113,11 +115,6 @@ class FarPulses:
 
     def _admitted(self, pulses: PulseTrain, newest_ns: int) -> PulseTrain:
         return self._room.admitted(pulses, np.full(len(pulses), newest_ns, dtype=np.int64))
-
-    def _due(self, until_ns: int) -> bool:
-        """Return whether the force went on so long that some pulses are given up."""
-        oldest = self._kept[0][0]
-        return oldest is not None and until_ns > oldest + FAR_NS
 
     def _keep(self, pulses: PulseTrain, newest_ns: int | None) -> None:
         if not len(pulses):
@@ -159,15 +156,19 @@ class PulseQueue:
         self._memory_ns = memory_ns
         self._pulse_look_ahead_ns = pulse_look_ahead_ns
         self._counter = counter
+        self._begun_ns: int | None = None
+        self._last_sequence: int | None = None
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget everything but the sequence number: the clock has jumped."""
         self._arrived: list[PulseTrain] = []
         self._ordered = PulseTrain.of([])
         self._far = FarPulses()
         self._room = PulseRoom(MOST_IN_A_SECOND)
-        self._begun_ns: int | None = None
-        self._last_onset_ns: int | None = None
-        self._last_sequence: int | None = None
-        self._last_restart_ns = LONG_AGO
         self._unknown: list[tuple[int, int]] = []
+        self._last_onset_ns: int | None = None
+        self._last_restart_ns = LONG_AGO
 
     def add(self, pulses: PulseTrain, newest_ns: int | None = None) -> None:
         """Add pulses, in any order, none too late.
@@ -240,21 +241,10 @@ class PulseQueue:
                 start_ns, end_ns = min(start, start_ns), max(end, end_ns)
         self._unknown = [*apart, (start_ns, end_ns)]
 
-    def restart(self) -> None:
-        """Forget everything but the sequence number: the clock has jumped."""
-        self._arrived = []
-        self._ordered = PulseTrain.of([])
-        self._far = FarPulses()
-        self._room = PulseRoom(MOST_IN_A_SECOND)
-        self._unknown = []
-        self._last_onset_ns = None
-        self._last_restart_ns = LONG_AGO
-
     def _merge_arrived(self) -> None:
         if self._arrived:
             train = PulseTrain.joined([self._ordered, *self._arrived])
-            order = np.lexsort((train.intensity, train.sequence, train.onset_ns))
-            self._ordered = train[order]
+            self._ordered = train[np.lexsort((train.intensity, train.sequence, train.onset_ns))]
             self._arrived = []
 
     def _accept(self, onset: int, sequence: int, intensity: float) -> bool:
@@ -436,14 +426,11 @@ class Alignment:
         before = newest - _BINS if self._newest_bin is None else self._newest_bin
         self._bins[:, np.arange(max(before, newest - _BINS) + 1, newest + 1) % _BINS] = 0.0
         self._newest_bin = newest
-        place = stamp_ns // _BIN_NS
-        recent = (place > newest - _BINS) & (place <= newest)
-        np.add.at(self._bins[0], place[recent] % _BINS, force[recent])
-        np.add.at(self._bins[1], place[recent] % _BINS, 1.0)
-        place = onset_ns // _BIN_NS
-        recent = (place > newest - _BINS) & (place <= newest)
-        np.add.at(self._bins[2], place[recent] % _BINS, intensity[recent])
-        np.add.at(self._bins[3], place[recent] % _BINS, 1.0)
+        for row, at_ns, values in ((0, stamp_ns, force), (2, onset_ns, intensity)):
+            place = at_ns // _BIN_NS
+            recent = (place > newest - _BINS) & (place <= newest)
+            np.add.at(self._bins[row], place[recent] % _BINS, values[recent])
+            np.add.at(self._bins[row + 1], place[recent] % _BINS, 1.0)
 
     def judge(self, until_ns: int) -> None:
         """Look at what came until the newest processed stamp [ns]; to be called now and then."""
@@ -453,8 +440,7 @@ class Alignment:
             force, samples, intensity, pulses = self._bins[:, order]
             known = np.flatnonzero(samples)
             if np.count_nonzero(pulses) >= _FEWEST and len(known) > _FEWEST:
-                mean = force[known] / samples[known]
-                course = np.interp(np.arange(_BINS), known, mean)
+                course = np.interp(np.arange(_BINS), known, force[known] / samples[known])
                 step = np.diff(course)
                 found = {} if not self._lasting else found
                 found |= _answered_apart(step, intensity[:-1], pulses[:-1], known[0], known[-1])
@@ -597,8 +583,7 @@ def no_overlap(onset_ns: IntArray, stamp_ns: IntArray) -> str | None:
 
 def outside_shares(intensity: FloatArray) -> BoolArray:
     """Return which intensities (pulses,) are no share of the maximum, NaN included."""
-    outside: BoolArray = ~((intensity >= 0.0) & (intensity <= 1.0))
-    return outside
+    return ~((intensity >= 0.0) & (intensity <= 1.0))
 
 
 def range_outside(intensity: FloatArray) -> str:

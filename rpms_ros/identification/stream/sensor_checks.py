@@ -57,26 +57,18 @@ class FrozenSensor(Monitor):
     """Finds `force_frozen`: one value is repeated although the force varied just before."""
 
     def __init__(self) -> None:
-        self._step = 0.0
-        self._begun_ns = 0
-        self._value = float('nan')
-        self._steep = False
+        # see `find_frozen`
+        self._state = (math.nan, 0, False, 0.0)
 
     def examine_all(self, window: Window) -> Mapping[str, BoolArray]:
         """Return the samples that repeat a frozen value."""
-        found = np.zeros_like(window.found)
-        self._value, self._begun_ns, self._steep, self._step = find_frozen(
-            window.stamp_ns,
-            window.force,
-            window.edges,
-            (self._value, self._begun_ns, self._steep, self._step),
-            found,
-        )
+        found, samples = np.zeros_like(window.found), (window.stamp_ns, window.force)
+        self._state = find_frozen(*samples, window.edges, self._state, found)
         return {faults.FORCE_FROZEN: found} if found.any() else {}
 
     def restart(self) -> None:
         """Forget the value that may be frozen."""
-        self._value = float('nan')
+        self._state = (math.nan, *self._state[1:])
 
 
 @numba.njit(cache=True)
@@ -366,8 +358,7 @@ class Outliers(UsualResiduals):
         beyond = (np.abs(residual) > limit) & ~window.found
         found = np.zeros_like(window.found)
         if beyond.any():
-            stamps = window.stamp_ns[window.first : window.last]
-            self._mark_runs(stamps, residual, beyond, found)
+            self._mark_runs(window.stamp_ns[window.first : window.last], residual, beyond, found)
         else:
             self._begun_ns = None
         self._before = float(residual[-1])

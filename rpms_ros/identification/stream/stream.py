@@ -60,8 +60,6 @@ class StreamSettings:
         late by the rest of `reorder_delay`.
     estimate_period : float
         Time between two estimates, by the stamps [s].
-    longest_gap : float
-        Longest pause of the force that does not count as a gap [s].
     largest_force : float
         Samples with a larger force, of either sign, are dropped [N].
     monitors : tuple of str
@@ -77,7 +75,6 @@ class StreamSettings:
     reorder_delay: float = 0.2
     pulse_look_ahead: float = 0.1
     estimate_period: float = 0.1
-    longest_gap: float = 1.0
     largest_force: float = LARGEST_FORCE
     monitors: tuple[str, ...] = tuple(MONITORS)
 
@@ -86,10 +83,12 @@ class StreamSettings:
         check_number(refused, 'reorder_delay', self.reorder_delay, 0, unit='s')
         most = self.reorder_delay
         check_number(refused, 'pulse_look_ahead', self.pulse_look_ahead, 0, most, unit='s')
-        for name, unit in (('estimate_period', 's'), ('longest_gap', 's'), ('largest_force', 'N')):
+        for name, unit in (('estimate_period', 's'), ('largest_force', 'N')):
             check_number(refused, name, getattr(self, name), 0, above=True, unit=unit)
 
 
+# Longest pause of the force that does not count as a gap [ns].
+GAP_NS = NANOSECONDS_PER_SECOND
 # Most samples that may wait: a block of the batch at 100 kHz, and the delays before and after it.
 MOST_WAITING = 600_000
 # So many samples out of order within this time are treated as a fault that lasts [1], [ns].
@@ -113,20 +112,15 @@ class ForceIntake:
 
     def __init__(self, stream: 'IdentificationStream', memory_ns: int) -> None:
         self._line = stream
-        self.gap_ns = nanoseconds(stream.settings.longest_gap)
         self._memory_ns = memory_ns
         self._largest_force = stream.settings.largest_force
         self._waiting: list[tuple[IntArray, FloatArray]] = []
         self._count = 0
         self.newest_ns: int | None = None
         self._newest_force = 0.0
-        self._alone: tuple[int, float] | None = None
+        # a sample that waits for another one to confirm its stamp
+        self.alone: tuple[int, float] | None = None
         self._out_of_order: deque[int] = deque(maxlen=_DISORDER)
-
-    @property
-    def in_doubt(self) -> bool:
-        """Whether a sample waits for another one to confirm its stamp."""
-        return self._alone is not None
 
     def add(self, forces: ForceTrace) -> None:
         """Add force samples; bad ones are dropped and counted."""
@@ -168,14 +162,14 @@ class ForceIntake:
 
     def drop_alone(self) -> None:
         """Drop the sample whose stamp was not confirmed."""
-        if self._alone is not None:
+        if self.alone is not None:
             self._line.postpone(faults.FORCE_STAMP_ALONE)
-            self._alone = None
+            self.alone = None
 
     def _take(self, stamps: IntArray, values: FloatArray) -> None:
         """Take samples (samples,) of possible values, with stamps of any kind."""
         steps = np.diff(stamps)
-        irregular = np.flatnonzero((steps <= 0) | (steps > self.gap_ns)) + 1
+        irregular = np.flatnonzero((steps <= 0) | (steps > GAP_NS)) + 1
         ends = np.append(irregular, len(stamps))
         start = 0
         while start < len(stamps):
@@ -191,10 +185,10 @@ class ForceIntake:
         if self.newest_ns is None:
             return True
         step = stamp_ns - self.newest_ns
-        if -self.gap_ns <= step <= 0:
+        if -GAP_NS <= step <= 0:
             self._refuse(step, value)
             return False
-        if abs(step) > self.gap_ns and not self._follow_alone(stamp_ns, value):
+        if abs(step) > GAP_NS and not self._follow_alone(stamp_ns, value):
             return False
         self.drop_alone()
         return True
@@ -231,16 +225,18 @@ class ForceIntake:
         Otherwise one wrong stamp would count as two jumps of the clock.  Returns whether
         `stamp_ns` confirms the sample that is waiting alone; if not, it waits in its place.
         """
-        if self._alone is None or not 0 < stamp_ns - self._alone[0] <= self.gap_ns:
+        if self.alone is None or not 0 < stamp_ns - self.alone[0] <= GAP_NS:
             self.drop_alone()
-            self._alone = (stamp_ns, value)
+            self.alone = (stamp_ns, value)
             return False
-        (first_ns, first), self._alone = self._alone, None
+        (first_ns, first), self.alone = self.alone, None
         assert self.newest_ns is not None
         if first_ns < self.newest_ns:
             self._line.jump_back(first_ns)
         else:
-            self._line.meet_gap(first_ns)
+            # unknown pulses may have been given during the gap
+            self._line.postpone(faults.FORCE_GAP)
+            self._line.exclude(self.newest_ns, first_ns + self._memory_ns)
         self._out_of_order.clear()
         self._keep(np.array([first_ns]), np.array([first]))
         return True
@@ -275,12 +271,9 @@ class IdentificationStream:
         sinks: Sequence[Monitor] = (),
     ) -> None:
         settings = settings if settings is not None else StreamSettings()
-        monitors = monitors_by_name(settings.monitors)
-        further: dict[str, str] = {}
-        shares: dict[str, float] = {}
-        for monitor in [*monitors, *sinks]:
-            further |= monitor.faults
-            shares |= monitor.doubtful
+        monitors = [*monitors_by_name(settings.monitors), *sinks]
+        further = {name: what for one in monitors for name, what in one.faults.items()}
+        shares = {name: share for one in monitors for name, share in one.doubtful.items()}
         self.settings = settings
         self.estimator = estimator
         self._counter = FaultCounter(further)
@@ -294,15 +287,9 @@ class IdentificationStream:
         self._held_ns: int | None = None
         self._alignment = Alignment(lasting=not estimator.on_line)
         self._doubts = Doubts(shares, lasting=not estimator.on_line)
-        self._period_ns = nanoseconds(self.settings.estimate_period)
-        self._pipeline = Pipeline(
-            monitors,
-            sinks,
-            self._reorder_delay_ns,
-            self._pulse_look_ahead_ns,
-            self._counter,
-            estimator.on_line,
-        )
+        self._period_ns = nanoseconds(settings.estimate_period)
+        waits_ns = self._reorder_delay_ns, self._pulse_look_ahead_ns
+        self._pipeline = Pipeline(monitors, *waits_ns, self._counter, estimator.on_line)
         self._cell: int | None = None
         self._block: int | None = None
         self._finished: list[Estimate] = []
@@ -330,13 +317,12 @@ class IdentificationStream:
         if newest_ns is None or not len(pulses):
             self._queue.add(pulses)
             return
-        used_ns = newest_ns - self._reorder_delay_ns
-        late = pulses.onset_ns <= used_ns + self._pulse_look_ahead_ns
+        late = pulses.onset_ns <= newest_ns - self._reorder_delay_ns + self._pulse_look_ahead_ns
         apart = late | (pulses.onset_ns > newest_ns + FAR_NS)
         self._alignment.arrived_apart(pulses.onset_ns[apart], newest_ns)
         self._queue.add(pulses[~late], newest_ns)
         # Far too late for this time line; they belong to the next one if the clock has jumped.
-        stray = pulses.onset_ns < newest_ns - self._intake.gap_ns
+        stray = pulses.onset_ns < newest_ns - GAP_NS
         self._strays.add(pulses[stray], newest_ns)
         for onset_ns in pulses.onset_ns[late & ~stray].tolist():
             self._counter.postpone(faults.PULSE_LATE, newest_ns)
@@ -394,7 +380,7 @@ class IdentificationStream:
             return False
         line = stamp_ns if newest_ns is None else np.append(newest_ns, stamp_ns)
         steps = np.diff(line)
-        if self._intake.in_doubt or not ((steps > 0) & (steps <= self._intake.gap_ns)).all():
+        if self._intake.alone is not None or not ((steps > 0) & (steps <= GAP_NS)).all():
             return False
         if not (pulses.onset_ns <= line[0] + FAR_NS).all():
             return False
@@ -419,12 +405,6 @@ class IdentificationStream:
             start_ns = max(start_ns, self._intake.newest_ns - self._reorder_delay_ns)
         if start_ns < end_ns:
             self._queue.exclude(start_ns, end_ns)
-
-    def meet_gap(self, until_ns: int) -> None:
-        """Continue after a gap, during which unknown pulses may have been given."""
-        self.postpone(faults.FORCE_GAP)
-        assert self._intake.newest_ns is not None
-        self.exclude(self._intake.newest_ns, until_ns + self._memory_ns)
 
     def advance(self) -> list[Estimate]:
         """Process the samples that have waited long enough; return the estimates due."""

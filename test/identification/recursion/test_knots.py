@@ -8,6 +8,7 @@ import pytest
 from rpms_ros.identification import LaguerreBasis
 from rpms_ros.identification.estimation.blocks import newest
 from rpms_ros.identification.estimation.settings import ProjectionSettings
+from rpms_ros.identification.model.recruitment import recruitment_curve
 from rpms_ros.identification.recursion.fit import empty_fit
 from rpms_ros.identification.recursion.people_kernel import (
     KNOTS,
@@ -24,11 +25,7 @@ from rpms_ros.identification.recursion.people_kernel import (
     take,
 )
 from rpms_ros.muscle import random_subject
-from rpms_ros.muscle.recruitment import (
-    RecruitmentParameters,
-    identified_recruitment,
-    identified_recruitment_with_gradient,
-)
+from rpms_ros.muscle.recruitment import RecruitmentParameters, identified_recruitment
 
 BASIS = LaguerreBasis(3, 38e-3, 0.0)
 RATE = 2.0 / BASIS.time_constant
@@ -45,17 +42,9 @@ def filled(generator, blocks=60) -> tuple[Memory, np.ndarray]:
     force = generator.normal(size=len(stamps))
     usable = np.ones(BLOCK, dtype=np.bool_)
     for index in range(blocks):
-        begin_block(
-            memory.blocks,
-            memory.chains,
-            onset[index],
-            intensity[index],
-            BASIS.input_gain,
-            RATE,
-            index == 0,
-        )
+        begin_block(memory, onset[index], intensity[index], BASIS.input_gain, RATE, index == 0)
         part = slice(index * BLOCK, (index + 1) * BLOCK)
-        take(stamps[part], force[part], usable, memory.blocks, carried, 0.0, RATE, np.empty(BLOCK))
+        take(stamps[part], force[part], usable, memory.blocks, carried, 0.0, RATE)
         add_block(memory, newest(memory.blocks))
     weight = np.empty((blocks, KNOTS))
     for row, value in zip(weight, intensity, strict=True):
@@ -164,8 +153,7 @@ def test_values_at_knots_are_those_of_the_curve(theta):
     values = np.empty((5, KNOTS))
     recruitment_at_knots(np.array(theta), values)
     knots = np.arange(1, KNOTS + 1) / KNOTS
-    rho, slopes = identified_recruitment_with_gradient(RecruitmentParameters(*theta), knots)
+    rho, by_logarithm = recruitment_curve(knots, np.array(theta))
     # Rounding.
     np.testing.assert_allclose(values[0], rho, atol=1e-14)
-    by_logarithm = slopes * np.array([1.0, 1.0, theta[2], theta[3]])
     np.testing.assert_allclose(values[1:].T, by_logarithm, atol=1e-13)

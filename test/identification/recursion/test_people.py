@@ -181,7 +181,7 @@ def test_a_matrix_without_a_factor_is_counted(session):
 def test_a_twitch_may_begin_at_the_stamp_of_the_only_sample_of_a_block(session):
     found = session(seed=14, seconds=4.0)
     estimator = FixedSizeRecursion()
-    latency_ns = round(1e9 * estimator.settings.model.basis.latency)
+    latency_ns = round(1e9 * estimator.settings.basis.latency)
     # a twitch that begins with the first sample, and one with the sample after a longest block
     onset = np.array([-latency_ns, 502_000_000 - latency_ns])
     estimator.add_pulses(onset, np.array([0.8, 0.8]))
