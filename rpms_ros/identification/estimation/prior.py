@@ -24,7 +24,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from rpms_ros.errors import IdentificationError
-from rpms_ros.identification.estimation.settings import ProjectionSettings
+from rpms_ros.identification.estimation.settings import PRIOR, ProjectionSettings
 from rpms_ros.identification.estimation.window_equations import (
     SLOPES,
     Point,
@@ -273,16 +273,15 @@ class Knowledge:
 
 def knowledge_of(settings: ProjectionSettings) -> Knowledge:
     """Return the prior before any sample."""
-    prior = settings.as_prior()
     shape = np.zeros(DEVIATION.stop - PARAMETERS)
     kappa, spread = settings.summation
     joint = NONLINEAR + settings.basis.functions
     return Knowledge(
-        mean=np.concatenate((prior.mean, shape, np.full(2, kappa))),
-        deviation=np.concatenate((prior.deviation, shape + np.inf, np.full(2, spread))),
-        lower=coordinates(prior.lower),
-        upper=coordinates(prior.upper),
-        separation=prior.separation,
+        mean=np.concatenate((PRIOR.mean, shape, np.full(2, kappa))),
+        deviation=np.concatenate((PRIOR.deviation, shape + np.inf, np.full(2, spread))),
+        lower=coordinates(PRIOR.lower),
+        upper=coordinates(PRIOR.upper),
+        separation=PRIOR.separation,
         any_shape=settings.deviation,
         information=np.zeros((joint, joint)),
         reference=np.zeros(joint),

@@ -5,12 +5,13 @@
 `Problem` has block statistics and baseline in one object.
 """
 
+import math
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
-from rpms_ros.errors import IdentificationError, check_number
+from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.estimation.blocks import BlockStatistics
 from rpms_ros.identification.model.basis import LaguerreBasis
 from rpms_ros.identification.model.recruitment import NONLINEAR, PARAMETERS, SUMMATION
@@ -78,46 +79,14 @@ class Problem(NamedTuple):
 _CORNERS = ((0.40, 0.80, 3.0), (0.40, 1.00, 12.0), (0.65, 0.80, 12.0), (0.65, 1.00, 3.0))
 # kappa of people is between that of a sum of twitches, 0, and that of Eq. (10), 1.
 _OF_PEOPLE, _OF_A_LAW = (0.5, 0.5), (1.0, 0.05)
-_CENTRE = RecruitmentParameters(0.60, 0.90, 8.0, 5.5)
-
-
-@dataclass(frozen=True)
-class RecruitmentPrior:
-    """Prior of the recruitment parameters: centre, and spread among people.
-
-    The centres are those of the paper's Tables 3 and 6, the deviations about twice their spread.
-
-    Attributes
-    ----------
-    centre : RecruitmentParameters
-        Most likely parameters.
-    u_thr, u_sat : float
-        Standard deviations.
-    alpha_sat, alpha_thr : float
-        Standard deviations of the natural logarithms.
-    """
-
-    centre: RecruitmentParameters = _CENTRE
-    u_thr: float = 0.2
-    u_sat: float = 0.2
-    alpha_sat: float = 0.8
-    alpha_thr: float = 0.25
-
-    def __post_init__(self) -> None:
-        for name in ('u_thr', 'u_sat', 'alpha_sat', 'alpha_thr'):
-            check_number(IdentificationError, name, getattr(self, name), 0, above=True)
-
-    def as_prior(self, alpha_thr: tuple[float, float]) -> Prior:
-        """Return this prior and the bounds as a `Prior`; `alpha_thr` are those of alpha_thr."""
-        centre = np.array(self.centre)
-        low, high = zip(*BOUNDS.values(), alpha_thr, strict=True)
-        return Prior(
-            mean=np.concatenate((centre[:2], np.log(centre[2:]))),
-            deviation=np.array([self.u_thr, self.u_sat, self.alpha_sat, self.alpha_thr]),
-            lower=np.array(low, dtype=np.float64),
-            upper=np.array(high, dtype=np.float64),
-            separation=SMALLEST_SEPARATION,
-        )
+PRIOR = Prior(
+    mean=np.array([0.60, 0.90, math.log(8.0), math.log(5.5)]),
+    deviation=np.array([0.2, 0.2, 0.8, 0.25]),
+    lower=np.array([*(low for low, _ in BOUNDS.values()), 2.0]),
+    upper=np.array([*(high for _, high in BOUNDS.values()), 15.0]),
+    separation=SMALLEST_SEPARATION,
+)
+"""Of people: means of the paper's Tables 3 and 6, deviations about twice their spread."""
 
 
 @dataclass(frozen=True)
@@ -130,10 +99,6 @@ class ProjectionSettings:
         Functions of the response, behind the latency.
     start : RecruitmentParameters
         Start of the nonlinear parameters.
-    prior : RecruitmentPrior
-        Weak physiological prior.
-    alpha_thr : tuple of float
-        Lowest and highest alpha_thr; equal values fix it.
     deviation : bool
         Whether the recruitment may deviate from the arctangents of the paper.
     by_rate : RateRecruitment or None
@@ -154,8 +119,6 @@ class ProjectionSettings:
 
     basis: LaguerreBasis = field(default_factory=lambda: LaguerreBasis(7, 38e-3, 8e-3))
     start: RecruitmentParameters = SIMULATION_START
-    prior: RecruitmentPrior = field(default_factory=RecruitmentPrior)
-    alpha_thr: tuple[float, float] = (2.0, 15.0)
     deviation: bool = True
     by_rate: RateRecruitment | None = field(default_factory=RateRecruitment)
     history: TemporalSummation | None = None
@@ -165,10 +128,6 @@ class ProjectionSettings:
     def __post_init__(self) -> None:
         if not 0 < self.confidence < 1:
             raise IdentificationError(f'expected 0 < confidence < 1, got {self.confidence}')
-        if not 0 < self.alpha_thr[0] <= self.start.alpha_thr <= self.alpha_thr[1]:
-            raise IdentificationError(
-                f'expected alpha_thr bounds around {self.start.alpha_thr}, got {self.alpha_thr}'
-            )
         check_start(self.start)
 
     def starts(self) -> list[FloatArray]:
@@ -185,7 +144,3 @@ class ProjectionSettings:
     def summation(self) -> tuple[float, float]:
         """Mean and standard deviation of kappa: a history law was measured, Eq. (10) elsewhere."""
         return _OF_PEOPLE if self.history is None else _OF_A_LAW
-
-    def as_prior(self) -> Prior:
-        """Return prior and bounds."""
-        return self.prior.as_prior(self.alpha_thr)

@@ -31,7 +31,7 @@ from rpms_ros.identification.estimation.blocks import (
     PulseDelayLine,
     newest,
 )
-from rpms_ros.identification.estimation.settings import ProjectionSettings
+from rpms_ros.identification.estimation.settings import PRIOR, ProjectionSettings
 from rpms_ros.identification.estimation.uncertainty import Counters, EstimateBuilder, ResidualSums
 from rpms_ros.identification.estimation.window_fit import LEAST_ENERGY
 from rpms_ros.identification.model.estimate import DEFAULT_RATE, Estimate, recruiting_range
@@ -254,7 +254,7 @@ class FixedSizeRecursion:
         self._memory = empty_memory(KNOTS, basis.functions)
         self._prediction = fresh_prediction_state(basis.functions)
         start = np.array(settings.start)
-        self._prior = settings.as_prior()
+        self._prior = PRIOR
         self._fit = empty_fit(start, basis.functions, 1)
         # scratch: a trial step, and a fit from another start
         self._workspace = [empty_fit(start, basis.functions, 1) for _ in range(2)]

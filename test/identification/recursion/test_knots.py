@@ -7,7 +7,7 @@ import pytest
 
 from rpms_ros.identification import LaguerreBasis
 from rpms_ros.identification.estimation.blocks import newest
-from rpms_ros.identification.estimation.settings import ProjectionSettings
+from rpms_ros.identification.estimation.settings import PRIOR
 from rpms_ros.identification.model.recruitment import recruitment_curve
 from rpms_ros.identification.recursion.fit import empty_fit
 from rpms_ros.identification.recursion.people_kernel import (
@@ -97,7 +97,7 @@ def test_equations_are_those_of_any_parameters():
 def test_the_cost_is_that_of_the_samples():
     memory, columns = filled(np.random.default_rng(3))
     regressors, force = columns[:, :-2], columns[:, -1]
-    prior = ProjectionSettings(basis=BASIS).as_prior()
+    prior = PRIOR
     fit = empty_fit(np.array([0.45, 0.95, 4.0, 5.0]), BASIS.functions, 1)
     fit.variance[0] = 1e-9
     assert evaluate(memory, prior, fit)
