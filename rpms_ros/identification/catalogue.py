@@ -90,22 +90,18 @@ def _projection(options: EstimatorOptions) -> ProjectionSettings:
     people = options.preset == PEOPLE_PRESET
     start = PEOPLE.start if people else settings_by_name(options.preset).start
     basis = replace(ProjectionSettings().basis, latency=_LATENCY[options.preset])
-    return ProjectionSettings(basis=basis, start=start, deviation=people, history=options.history)
+    history = options.history
+    return ProjectionSettings(basis, start, people, history=history, choose_basis=people)
 
 
 def _batch(options: EstimatorOptions) -> Estimator:
-    people = options.preset == PEOPLE_PRESET
-    settings = replace(_projection(options), choose_basis=people)
-    return BatchEstimator(settings, options.rate_hz)
+    return BatchEstimator(_projection(options), options.rate_hz)
 
 
 def _tracking(options: EstimatorOptions) -> Estimator:
     settings = TrackingSettings(history=options.history)
     if options.preset != PEOPLE_PRESET:
-        paper = _projection(options)
-        settings = replace(
-            settings, basis=paper.basis, start=paper.start, deviation=False, choose_basis=False
-        )
+        settings = TrackingSettings(**vars(_projection(options)))
     return TrackingEstimator(settings, options.rate_hz)
 
 

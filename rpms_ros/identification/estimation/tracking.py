@@ -131,6 +131,9 @@ def described_fit(
     rest = float(np.median(fit.levels))
     full = float(np.abs(estimate.curve_force).max(initial=0.0))
     follows = follows_intensity(problem, fit, full)
+    newest = fit.first + len(fit.levels) - 1
+    behind = max(estimate.stamp_ns / INTERVAL_NS - newest, 0.0) + 1.0
+    slope = abs(float(np.diff(fit.levels[-2:]).sum()))
     described = replace(
         estimate,
         rate_names=names,
@@ -141,7 +144,7 @@ def described_fit(
         change_kinds=tuple(one.kind for one in watch.found),
         change_ago=np.array([1e-9 * (estimate.stamp_ns - one.stamp_ns) for one in watch.found]),
         disturbance=float(fit.levels[-1]) - rest,
-        disturbance_deviation=_level_deviation(fit, estimate.stamp_ns / INTERVAL_NS),
+        disturbance_deviation=math.hypot(fit.level_deviation, slope * min(behind, 4.0)),
         reasons=_reasons(estimate, fit, watch.deliberating, tremor),
     )
     # neighbouring residuals are alike, and more than the model's own error
@@ -175,13 +178,6 @@ def follows_intensity(problem: Problem, fit: WindowFit, full: float) -> bool:
     straight = np.polynomial.Polynomial.fit(columns[1], levels, 1)(columns[1])
     explained = 1.0 - np.var(levels - part) / max(float(np.var(levels - straight)), 1e-300)
     return bool(explained > _EXPLAINED and np.ptp(part - straight) > _FOLLOWED * full)
-
-
-def _level_deviation(fit: WindowFit, now: float) -> float:
-    """Return the standard deviation of the newest level at a time in intervals [N]."""
-    behind = max(now - (fit.first + len(fit.levels) - 1), 0.0) + 1.0
-    slope = abs(float(fit.levels[-1] - fit.levels[-2])) if len(fit.levels) > 1 else 0.0
-    return math.hypot(fit.level_deviation, slope * min(behind, 4.0))
 
 
 def _rates(fit: WindowFit, area: FloatArray) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
@@ -503,14 +499,8 @@ class TrackingEstimator(ProjectionEstimator):
 
     def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
         """Return the present estimate."""
-        return described_fit(
-            super().estimate(stamp_ns, faults),
-            self._window,
-            self._watch,
-            self._basis.area,
-            self._tremor,
-            self._problem,
-        )
+        found, area = super().estimate(stamp_ns, faults), self._basis.area
+        return described_fit(found, self._window, self._watch, area, self._tremor, self._problem)
 
     @property
     def _now_ns(self) -> int:
@@ -673,13 +663,9 @@ class TrackingEstimator(ProjectionEstimator):
         blocks = self._problem.blocks
         begin = (int(blocks.head[0]) + self._problem.first) % len(blocks.start_ns)
         first_ns = max(int(blocks.start_ns[begin]), oldest_ns)
-        window = Window(
-            first_ns,
-            self._now_ns,
-            INTERVAL_NS,
-            *knots_of_change(self._acting_ns(), first_ns, self._now_ns, self._lag()),
-            self._origin,
-        )
+        now_ns = self._now_ns
+        knots, pauses = knots_of_change(self._acting_ns(), first_ns, now_ns, self._lag())
+        window = Window(first_ns, now_ns, INTERVAL_NS, knots, pauses, self._origin)
         # without a known response there is no slow change
         return window if self._schedule.begun else window.without_past
 
@@ -798,14 +784,9 @@ class TrackingEstimator(ProjectionEstimator):
 
     def _choice(self) -> BasisChoice:
         """Return the choice of a basis for the newest samples."""
-        return BasisChoice(
-            self._raw,
-            self._basis,
-            self._window,
-            self._of_any_shape(self._prior),
-            self._span(self._compared_from()),
-            None if self._tremor.frequency else repetition_rates(self._problem.blocks),
-        )
+        prior, span = self._of_any_shape(self._prior), self._span(self._compared_from())
+        rates = None if self._tremor.frequency else repetition_rates(self._problem.blocks)
+        return BasisChoice(self._raw, self._basis, self._window, prior, span, rates)
 
     def _change_basis(self, basis: LaguerreBasis) -> None:
         """Put the samples of the window into blocks of another basis."""
