@@ -14,12 +14,14 @@ These names and their parameters are stable; what lies below them in other modul
 Nothing here needs ROS.
 """
 
-from rpms_ros import __all__ as __all__
-from rpms_ros.api.identification import Identification as Identification, Parameter as Parameter
-from rpms_ros.api.loading import from_arrays as from_arrays, load as load
-from rpms_ros.api.session import Session as Session
-from rpms_ros.api.simulating import simulate as simulate
-from rpms_ros.errors import RpmsError as RpmsError
-from rpms_ros.identification.quality.explained_force import Stated as Stated
-from rpms_ros.identification.quality.verdict import Verdict as Verdict
-from rpms_ros.report.result import Curve as Curve, ImpulseResponse as ImpulseResponse
+from rpms_ros.api.identification import Identification, Parameter
+from rpms_ros.api.loading import from_arrays, load
+from rpms_ros.api.session import Session
+from rpms_ros.api.simulating import simulate
+from rpms_ros.errors import RpmsError
+from rpms_ros.identification.quality.explained_force import Stated
+from rpms_ros.identification.quality.verdict import Verdict
+from rpms_ros.report.result import Curve, ImpulseResponse
+
+__all__ = ['Curve', 'Identification', 'ImpulseResponse', 'Parameter', 'RpmsError', 'Session']
+__all__ += ['Stated', 'Verdict', 'from_arrays', 'load', 'simulate']
