@@ -209,10 +209,6 @@ class Line:
         return None, b''
 
 
-class DriverGone(Exception):
-    """The driver has left, or sends what no driver sends."""
-
-
 class Guard:
     """Serves one driver over one line until the driver leaves or something is wrong.
 
@@ -238,6 +234,8 @@ class Guard:
         self._listening: Packet | None = None
         self._noise_ns = self._quiet_ns = 0
         self._waiting: deque[Packet] = deque()
+        # numbers of what the driver has asked for and has no answer to
+        self._unanswered: list[int] = []
         self._attempts = self._attempt_ns = 0
         self._heard = b''
 
@@ -267,19 +265,15 @@ class Guard:
     def silence(self, reason: str, told: bool = True) -> None:
         """Set intensity zero and disarm, refuse everything until the driver listens anew."""
         was_live, self._live, self._percent = self._live, False, None
-        asked, self.line.outstanding = self.line.outstanding, None
-        listening, self._listening = self._listening, None
-        refused = [asked.sequence] if asked and asked.sequence is not None else []
-        refused += [packet.sequence for packet in self._waiting]
-        refused += [listening.sequence] if listening else []
+        self.line.outstanding = self._listening = None
         self._waiting.clear()
         self._heard = b''
         self._attempts = _DISARM_ATTEMPTS
         self._disarm()
-        for sequence in refused:
-            self._tell(packets.REFUSED, reason.encode(), sequence)
         if told and was_live:
             self._tell(packets.DISARMED, reason.encode())
+        for sequence in [*self._unanswered]:
+            self._tell(packets.REFUSED, reason.encode(), sequence)
 
     def _step(self, ready: set[int]) -> None:
         if self._wakeup in ready:
@@ -287,9 +281,11 @@ class Guard:
         # everything that the driver has sent: a silence counts before what was sent earlier
         if self._driver in ready and not self.ended:
             try:
-                self._obey(self._received())
-            except DriverGone as error:
-                self._end(str(error))
+                received = self._received()
+            except (OSError, ValueError) as error:
+                self._end(f'the driver is gone: {error}')
+            else:
+                self._obey(received)
         if self.line.descriptor in ready:
             self._listen()
         self._look_at_the_time()
@@ -306,26 +302,20 @@ class Guard:
 
         Raises
         ------
-        DriverGone
-            If its end is closed, or if one of them is no packet.
+        OSError, ValueError
+            If its end is closed, which reads as no bytes, or if one of them is no packet.
         """
         received: list[Packet] = []
-        while len(received) < _AT_ONCE:
-            try:
+        with contextlib.suppress(BlockingIOError):
+            while len(received) < _AT_ONCE:
                 raw = os.read(self._driver, packets.MAXIMUM_PACKET + 1)
-                if not raw:
-                    raise DriverGone('the driver is gone')
                 received.append(packets.unpacked(raw, packets.FROM_DRIVER))
-            except BlockingIOError:
-                break
-            except OSError as error:
-                raise DriverGone(f'the driver is gone: {error}') from error
-            except ValueError as error:
-                raise DriverGone(str(error)) from error
         return received
 
     def _tell(self, kind: bytes, data: bytes = b'', sequence: int = 0, time_ns: int = 0) -> None:
         """Send a packet; one that cannot be sent is dropped."""
+        if sequence in self._unanswered:
+            self._unanswered.remove(sequence)
         with contextlib.suppress(OSError):
             os.write(self._driver, packets.packed(Packet(kind, sequence, time_ns, data)))
 
@@ -338,11 +328,9 @@ class Guard:
             return
         if packets.SILENCE in kinds:
             last = len(kinds) - kinds[::-1].index(packets.SILENCE)
-            reason = 'the driver has silenced the device'
-            for packet in received[:last]:
-                if packet.kind in (packets.EXCHANGE, packets.LISTEN):
-                    self._tell(packets.REFUSED, reason.encode(), packet.sequence)
-            self.silence(reason, told=False)
+            asking = packets.EXCHANGE, packets.LISTEN
+            self._unanswered += [one.sequence for one in received[:last] if one.kind in asking]
+            self.silence('the driver has silenced the device', told=False)
             received = received[last:]
         for packet in received:
             if self.ended:
@@ -356,6 +344,7 @@ class Guard:
 
     def _take(self, packet: Packet) -> None:
         """Relay an exchange at once, or when the line is free."""
+        self._unanswered.append(packet.sequence)
         if not self._live:
             reason = b'expected a driver that listens to an armed line, got a silenced one'
             self._tell(packets.REFUSED, reason, packet.sequence)
@@ -379,11 +368,9 @@ class Guard:
         bound = self.limits.maximum_percent
         if percent is not None and percent > bound:
             self.silence(f'expected at most {bound} percent, got {percent}')
-            self._tell(packets.REFUSED, b'above the maximum intensity', packet.sequence)
             return
         if command == rapid2.TRIGGER and self._percent is None:
             self.silence('expected an intensity before a trigger, got none')
-            self._tell(packets.REFUSED, b'a trigger without an intensity', packet.sequence)
             return
         # the last moment before it is written
         if time.monotonic_ns() > packet.time_ns:
@@ -398,11 +385,9 @@ class Guard:
             self.line.ask(command, length, sequence)
         except LineBusy as error:
             self.silence(str(error))
-            if sequence is not None:
-                self._tell(packets.REFUSED, str(error).encode(), sequence)
 
     def _begin_to_listen(self, packet: Packet) -> None:
-        self._listening = packet
+        self._listening, self._unanswered = packet, [packet.sequence]
         self._attempts = 0
         self._live = False
         self.line.outstanding = None
