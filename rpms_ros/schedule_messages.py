@@ -143,10 +143,8 @@ def _segment(entry: Entry, types: MessageTypes) -> Any:
         values['levels'] = array('d', values['levels'])
     if 'seed' in values:
         values['own_seed'] = True
-    whole = {'count', 'level_count', 'order', 'hold_pulses', 'seed', 'times', 'length'}
-    apart = {'levels', 'own_seed', *whole}
-    plain = {name: value if name in apart else float(value) for name, value in values.items()}
-    return types[SCHEDULE_SEGMENT](kind=number, **plain)
+    # numbers are of Python already: what a segment is made of has passed its bounds
+    return types[SCHEDULE_SEGMENT](kind=number, **values)
 
 
 def _flat(items: Items) -> list[Entry]:

@@ -10,6 +10,7 @@ rclpy of Jazzy lets a `change_state` or a trigger that the state does not allow 
 here it is refused.
 """
 
+import dataclasses
 import math
 import os
 import time
@@ -23,7 +24,6 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
@@ -32,7 +32,7 @@ from rpms_ros import messages
 from rpms_ros.errors import NodeError, RpmsError, StimulationError
 from rpms_ros.nodes.common import qos, topics
 from rpms_ros.nodes.common.diagnostics import logger_of, plain_text
-from rpms_ros.nodes.common.parameters import declare_parameters, follow_parameters
+from rpms_ros.nodes.common.parameters import declare_parameters
 from rpms_ros.nodes.common.runner import complete_or_gone, every, run, stay_on_this_machine
 from rpms_ros.nodes.common.topics import MESSAGE_TYPES
 from rpms_ros.nodes.driver.goals import AUDIT, ScheduleAction
@@ -71,26 +71,10 @@ def _refusal(possible: Collection[str], asked: str) -> str:
     return f'expected a transition of {", ".join(sorted(possible))}, got {asked}'
 
 
-_NAME = 'use_sim_time'
-
-
-def refuse_simulated_time(node: Node) -> None:
-    """Accept no other clock than the machine's, now or later.
-
-    Raises
-    ------
-    NodeError
-        If the node was started with simulated time.
-    """
-    reason = f'expected {_NAME} false: a driver stamps what it does by the clock, got true'
-    if node.get_parameter(_NAME).value:
-        raise NodeError(reason)
-
-    def check(parameters: list[Parameter]) -> SetParametersResult:
-        asked = any(given.name == _NAME and given.value for given in parameters)
-        return SetParametersResult(successful=not asked, reason=reason if asked else '')
-
-    node.add_on_set_parameters_callback(check)
+_BOUND = 'maximum_intensity'
+"""The one parameter that may change while the driver runs."""
+_SIMULATED_TIME = 'use_sim_time'
+_BY_THE_CLOCK = 'expected use_sim_time false: a driver stamps what it does by the clock, got true'
 
 
 class StimulatorDriver(LifecycleNode):
@@ -109,7 +93,8 @@ class StimulatorDriver(LifecycleNode):
 
     def _build(self) -> None:
         """Make the parts of the node, each after those that it depends on."""
-        refuse_simulated_time(self)
+        if self.get_parameter(_SIMULATED_TIME).value:
+            raise NodeError(_BY_THE_CLOCK)
         # a misspelt limit must not count as one that was left out
         self.settings = declare_parameters(self, DriverParameters, refuse_misspelt=True)
         settings = self.settings
@@ -159,7 +144,8 @@ class StimulatorDriver(LifecycleNode):
                 WrenchStamped, topics.FORCE, self._on_force, qos.FORCE_BEST_EFFORT
             )
         self.create_service(Trigger, topics.RESET_EMERGENCY_STOP, self._on_reset)
-        follow_parameters(self, settings, self._on_bound, self._allow_bound)
+        self.add_on_set_parameters_callback(self._allow_change)
+        self.add_post_set_parameters_callback(self._on_change)
         every(self, 0.01, lambda: self.controller.seen(EXECUTOR))
         every(self, 0.05, self._guarded_tick)
         # a bound method, which rclpy holds weakly
@@ -364,24 +350,36 @@ class StimulatorDriver(LifecycleNode):
     def _on_context_shutdown(self) -> None:
         self.controller.disarm('context shut down')
 
-    def _allow_bound(self, changed: DriverParameters) -> None:
+    def _allow_change(self, parameters: list[Parameter]) -> SetParametersResult:
+        """Refuse simulated time, and a bound on the intensity that cannot be set now."""
         try:
-            self.controller.require_bound(changed.maximum_intensity)
-        except StimulationError as error:
+            if any(given.name == _SIMULATED_TIME and given.value for given in parameters):
+                raise NodeError(_BY_THE_CLOCK)
+            for bound in self._new_bounds(parameters):
+                self.controller.require_bound(bound)
+        except RpmsError as error:
             self._reports.refuse(str(error))
-            raise
+            return SetParametersResult(successful=False, reason=plain_text(error))
+        return SetParametersResult(successful=True)
 
-    def _on_bound(self, changed: DriverParameters) -> None:
+    def _on_change(self, parameters: list[Parameter]) -> None:
         # only a parameter that was set moves it: a change may be refused by any callback
-        try:
-            self.controller.tighten(changed.maximum_intensity)
-        except StimulationError as error:
-            # armed since the check, by another thread: the lower bound stays in force
-            self._reports.refuse(str(error))
-            return
-        self.settings = changed
-        self._reports.say(f'intensities up to {changed.maximum_intensity:g}')
-        self._audit.note('limit', maximum_intensity=changed.maximum_intensity)
+        for bound in self._new_bounds(parameters):
+            try:
+                self.controller.tighten(bound)
+            except StimulationError as error:
+                # armed since the check, by another thread: the lower bound stays in force
+                self._reports.refuse(str(error))
+                return
+            self.settings = dataclasses.replace(self.settings, **{_BOUND: bound})
+            self._reports.say(f'intensities up to {bound:g}')
+            self._audit.note('limit', maximum_intensity=bound)
+
+    def _new_bounds(self, parameters: list[Parameter]) -> list[float]:
+        """Return the bounds on the intensity that are new; raise NodeError for what is none."""
+        given = [one.value for one in parameters if one.name == _BOUND]
+        asked = [dataclasses.replace(self.settings, **{_BOUND: value}) for value in given]
+        return [one.maximum_intensity for one in asked if one != self.settings]
 
     def _guarded_tick(self) -> None:
         try:

@@ -20,7 +20,6 @@ from rpms_ros.nodes.common.parameters import (
     NodeParameters,
     declare_parameters,
     descriptions,
-    follow_parameters,
     parameter,
     type_of,
 )
@@ -128,24 +127,6 @@ def test_a_descriptor_says_what_the_field_says(context):
 def test_a_bad_value_gives_one_clear_line(context, values, message):
     with pytest.raises(NodeError, match=message):
         declare(context, **values)
-
-
-def test_dynamic_changes_are_followed_or_refused_with_a_reason(context):
-    node, settings = declare(context)
-    seen = []
-    follow_parameters(node, settings, seen.append)
-    assert node.set_parameters([Parameter('gain', value=1.5)])[0].successful
-    assert seen == [Example(gain=1.5)]
-    # 1.5 is still in force: the new limit must not undercut it.
-    refused = node.set_parameters([Parameter('gain', value=-1.0)])[0]
-    assert refused.reason == 'parameter gain: expected 0.0 to 9.0, got -1.0'
-    refused = node.set_parameters([Parameter('limit', value=1.0)])[0]
-    assert refused.reason == 'expected a gain up to limit 1.0, got 1.5'
-    assert not node.set_parameters([Parameter('rate', value=30.0)])[0].successful
-    assert seen == [Example(gain=1.5)]
-    both = [Parameter('gain', value=4.0), Parameter('limit', value=5.0)]
-    assert node.set_parameters_atomically(both).successful
-    assert seen[1:] == [Example(gain=4.0, limit=5.0)]
 
 
 @pytest.mark.parametrize(
@@ -271,7 +252,7 @@ def test_the_driver_ends_what_it_has_begun_when_its_last_part_is_refused(
     def refuse(*_):
         raise RpmsError('expected the last part, got none')
 
-    monkeypatch.setattr('rpms_ros.nodes.stimulator_driver.follow_parameters', refuse)
+    monkeypatch.setattr('rpms_ros.nodes.stimulator_driver.every', refuse)
     log = tmp_path / 'audit.jsonl'
     with nothing_left(graph), pytest.raises(RpmsError, match='the last part'):
         graph.add(StimulatorDriver, audit_log=str(log))

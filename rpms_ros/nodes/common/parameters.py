@@ -14,7 +14,7 @@ A field made by `parameter` carries default, description, unit and bounds::
                 raise NodeError(...)
 
 ``declare_parameters(node, PlantParameters)`` returns the dataclass with the values of YAML file,
-command line or overrides.  `follow_parameters` calls back on later changes.
+command line or overrides.
 
 rcl drops a file of parameters that is for other nodes without a word: here it is named.
 """
@@ -22,16 +22,15 @@ rcl drops a file of parameters that is for other nodes without a word: here it i
 import dataclasses
 import difflib
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeVar, get_type_hints
 
-from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from rpms_ros.errors import NodeError, RpmsError
-from rpms_ros.nodes.common.diagnostics import logger_of, plain_text
+from rpms_ros.nodes.common.diagnostics import logger_of
 
 # Share of letters in common: names of parameters of different nodes have less.
 _ALIKE = 0.85
@@ -212,40 +211,3 @@ def _warn_of_unknown(node: Node, given: dict[str, Parameter], known: list[str]) 
         for meant in difflib.get_close_matches(name, known, 1, _ALIKE):
             raise NodeError(f'expected a parameter of {node.get_name()} as {meant}, got {name}')
         logger_of(node).warning(f'parameter {name} is unknown here and ignored')
-
-
-def follow_parameters(
-    node: Node,
-    current: Settings,
-    apply: Callable[[Settings], None],
-    allow: Callable[[Settings], object] = bool,
-) -> None:
-    """Call `apply` with the new parameters whenever dynamic ones have changed.
-
-    A change that violates a bound or a condition on several fields, or for which `allow` raises
-    RpmsError, is refused with its reason.
-    """
-    known = set(descriptions(type(current)))
-    latest = current
-
-    def changed(parameters: list[Parameter]) -> Settings:
-        values = {given.name: given.value for given in parameters if given.name in known}
-        return dataclasses.replace(latest, **values)
-
-    def check(parameters: list[Parameter]) -> SetParametersResult:
-        try:
-            asked = changed(parameters)
-            if asked != latest:
-                allow(asked)
-        except RpmsError as error:
-            return SetParametersResult(successful=False, reason=plain_text(error))
-        return SetParametersResult(successful=True)
-
-    def keep(parameters: list[Parameter]) -> None:
-        nonlocal latest
-        before, latest = latest, changed(parameters)
-        if latest != before:
-            apply(latest)
-
-    node.add_on_set_parameters_callback(check)
-    node.add_post_set_parameters_callback(keep)

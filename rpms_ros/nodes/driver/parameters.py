@@ -152,20 +152,15 @@ class Session:
         Raises
         ------
         StimulationError
-            If they cannot be used today, or say something else than at the start: limits, dose
-            and ledger of a driver are those of its start.
+            If they cannot be used today, or anything in them is another than at the start:
+            limits, dose and ledger of a driver are those of its start.
         """
-        if session_of(self.settings)._figures != self._figures:
+        if session_of(self.settings) != self:
             whose = self.settings.patient_file or 'nobody'
             raise StimulationError(
                 f'expected the figures of {whose} and of the device specification as they were at '
                 'the start, got others: start the driver again'
             )
-
-    @property
-    def _figures(self) -> object:
-        patient = self.patient
-        return self.specification, patient and (patient.identifier, patient.dose)
 
 
 def session_of(settings: DriverParameters) -> Session:

@@ -111,29 +111,21 @@ def clock_offset_ns() -> int:
 SIMULATED = 'simulated'
 
 
-def driver_health(controller: StimulationController, dropped_lately: bool, note: str) -> Health:
-    """Return how a driver is.
+_FIGURES = (
+    'device', 'pulses_delivered', 'pulses_dropped', 'lateness_mean', 'lateness_max',
+    'coil_energy', 'coil_temperature',
+)  # fmt: skip
 
-    Error in the fault state, a warning while a stop is latched or `note` says something, and
-    after a pulse was dropped, ok otherwise.
-    """
-    state, latched, reason = controller.status()
-    doubtful = latched or note or dropped_lately
+
+def driver_health(status: DriverStatus, state: State, doubtful: bool) -> Health:
+    """Return how a driver is: error in the fault state, a warning where it is doubtful."""
     level = DiagnosticStatus.WARN if doubtful else DiagnosticStatus.OK
     if state is State.FAULT:
         level = DiagnosticStatus.ERROR
-    figures = {
-        'state': 'STOPPED' if latched else state.name,
-        'device specification': controller.specification.name,
-        'pulses delivered': controller.delivered,
-        'pulses dropped': controller.dropped,
-        'lateness mean [s]': f'{controller.lateness.mean_s:.6f}',
-        'lateness max [s]': f'{controller.lateness.max_s:.6f}',
-        'energy [J]': f'{controller.limiter.session_energy_j:.1f}',
-        'coil temperature [Celsius]': f'{controller.coil_temperature:.1f}',
-        **{f'fault {fault}': count for fault, count in controller.fault_counts().items()},
-    }
-    return Health(f'{reason}; {note}' if note else reason, level, figures)
+    figures = {name.replace('_', ' '): getattr(status, name) for name in _FIGURES}
+    faults = zip(status.fault_names, status.fault_counts, strict=True)
+    counts = {f'fault {fault}': count for fault, count in faults}
+    return Health(status.reason, level, {'state': state.name, **figures, **counts})
 
 
 _WAITING = 500
@@ -221,7 +213,6 @@ class DriverAudit:
             self._failed(self._broken)
 
 
-_STATUS_PERIOD_NS = 100_000_000
 _DIAGNOSTICS_PERIOD_NS = 1_000_000_000
 _REFUSED = 'refused: '
 # how long a refusal is shown in the status, and a pulse that was dropped in the diagnostics
@@ -266,7 +257,7 @@ class DriverReports:
         # pulses so far, and when the newest was
         self._dropped, self._dropped_ns = 0, -_SHOWN_NS
         self._note, self._noted_ns = '', 0
-        self._next_status_ns = self._next_diagnostics_ns = 0
+        self._next_diagnostics_ns = 0
         self._said: tuple[Any, ...] = ()
 
     @property
@@ -313,7 +304,7 @@ class DriverReports:
         self._note = ''
 
     def publish(self, stamp: Any, now_ns: int) -> None:
-        """Publish status and diagnostics when it is time, and at once when something changed.
+        """Publish the status, and diagnostics once a second and when something changed.
 
         Parameters
         ----------
@@ -326,21 +317,17 @@ class DriverReports:
             self._note = ''
         said = (*self._controller.status(), self._note)
         before, self._said = self._said, said
-        changed = said != before
         if said[0] is State.FAULT and before[:1] != said[:1]:
             logger_of(self._node).error(f'fault: {plain_text(said[2])}')
-        due = now_ns >= self._next_status_ns
-        if due:
-            # from when it was due: a tick that comes a little early or late moves none after it
-            self._next_status_ns = max(self._next_status_ns + _STATUS_PERIOD_NS, now_ns)
-        if changed or due:
-            self._status.publish(self._status_message(stamp, now_ns))
-        if changed or now_ns >= self._next_diagnostics_ns:
+        status = self._status_message(stamp, now_ns)
+        self._status.publish(status)
+        if said != before or now_ns >= self._next_diagnostics_ns:
             self._next_diagnostics_ns = now_ns + _DIAGNOSTICS_PERIOD_NS
             if self._dropped != self._controller.dropped:
                 self._dropped, self._dropped_ns = self._controller.dropped, now_ns
-            lately = now_ns - self._dropped_ns < _SHOWN_NS
-            self._diagnostics.publish(driver_health(self._controller, lately, self._note))
+            state, latched, _, note = said
+            doubtful = latched or bool(note) or now_ns - self._dropped_ns < _SHOWN_NS
+            self._diagnostics.publish(driver_health(status, state, doubtful))
 
     def _status_message(self, stamp: Any, now_ns: int) -> DriverStatus:
         controller, note = self._controller, self._note

@@ -12,7 +12,6 @@ Other drivers on the graph, and the publishers of a topic.
 
 import contextlib
 import ctypes
-import select
 import threading
 import time
 from collections.abc import Callable
@@ -177,7 +176,7 @@ def _joined(namespace: str, name: str) -> str:
 WATCH_TIMEOUT_S = 0.1
 """Longest silence of the thread that hears buttons and heartbeat, while armed."""
 
-_LOOK_MS = 5
+_LOOK_S = 0.005
 _GRAPH_PERIOD_NS = 100_000_000
 # the state of a button stands behind four bytes of encapsulation; the last of these says how many
 # bytes follow it that fill up a word
@@ -276,20 +275,11 @@ class DriverWatch:
         try:
             while not self._closing:
                 self.look()
-                self._wait()
+                time.sleep(_LOOK_S)
         except Exception as error:  # noqa: BLE001
             # whatever it is: without this thread nothing stops the driver
             if not self._closing and self._driver.context.ok():
                 self._controller.fail(WATCH, f'{WATCH}: expected to run on, got {error!r}')
-
-    def _wait(self) -> None:
-        poll = select.poll()
-        client = self._client
-        # read once: a look of another thread may close it meanwhile
-        descriptor = client.descriptor
-        if descriptor >= 0 and not client.ended:
-            poll.register(descriptor, select.POLLIN)
-        poll.poll(_LOOK_MS)
 
     def _answer_stops(self) -> None:
         """Stop if the service was called, and say so; what is not taken here comes next time."""

@@ -72,6 +72,8 @@ _INTENSITY = 'intensity_reading'
 _READING_LIMIT_NS = 4 * NANOSECONDS_PER_SECOND
 # From this age on a reading of the temperature comes before one of the intensity.
 _WARM_NS = 2 * NANOSECONDS_PER_SECOND
+# How often pulses are put into the dose ledger.
+_RESERVE_NS = 100_000_000
 # Longer than a schedule can be.
 _NEVER_S = 1e6
 # A reading before a pulse ends so long before the trigger, which it must not delay.
@@ -208,11 +210,14 @@ class StimulationController(DeviceOwner):
         self.wake.set()
         return run
 
-    def reserve(self) -> None:
-        """Put the next pulses into the dose ledger; called steadily by a thread of its own."""
+    def reserve(self) -> int:
+        """Put the next pulses into the dose ledger; return when to do so again [ns].
+
+        Called by a thread of its own.
+        """
         reservations, run = self._reservations, self.run
         if reservations is None or run is None:
-            return
+            return self._clock() + _RESERVE_NS
         # a run that ends from here on may have pulses left that the next call gives back
         over = bool(run.ended)
         try:
@@ -226,6 +231,7 @@ class StimulationController(DeviceOwner):
             over = True
         if over and self._reservations is reservations:
             self._reservations = None
+        return self._clock() + _RESERVE_NS
 
     def _first_onset_ns(self) -> int:
         settings, device = self.settings, self.device
@@ -263,9 +269,7 @@ class StimulationController(DeviceOwner):
         plan = dataclasses.replace(schedule.plan, intensity=intensity)
         self.ledger.check(len(plan), self.limits.pulse_energy_j * float(np.sum(intensity**2)))
         for trial in trials:
-            for index, (limit, reason) in trial.refusals(plan, schedule.width_s, start_ns):
-                onset_ns = plan.onset_ns[index] if index < len(plan) else plan.duration_ns
-                time_s = float(onset_ns) / NANOSECONDS_PER_SECOND
+            for time_s, (limit, reason) in trial.refusals(plan, schedule.width_s, start_ns):
                 raise Refused(limit, f'{limit}: {reason}; at {time_s:.4g} s of the schedule')
         return plan
 
@@ -612,7 +616,6 @@ def _refuse_unfit(
 
 
 _JOIN_S = 2.0
-_RESERVE_S = 0.1
 # how long one thread of Python keeps the others waiting: the one that fires pulses is one of them
 _SWITCH_S = 5e-4
 
@@ -620,11 +623,11 @@ _SWITCH_S = 5e-4
 class _MonitoredThread(threading.Thread):
     """Steps until closed; any other end makes pulses impossible.
 
-    ``step`` does what is due and returns how long nothing will be [s].
+    ``step`` does what is due and returns when there is more to do, monotonic clock [ns].
     """
 
     def __init__(
-        self, name: str, controller: StimulationController, step: Callable[[], float]
+        self, name: str, controller: StimulationController, step: Callable[[], int]
     ) -> None:
         super().__init__(name=name, daemon=True)
         self._controller, self.step = controller, step
@@ -635,7 +638,7 @@ class _MonitoredThread(threading.Thread):
         """Step until closed."""
         try:
             while not self._closing:
-                duration_s = self.step()
+                duration_s = (self.step() - time.monotonic_ns()) / NANOSECONDS_PER_SECOND
                 if duration_s > 0 and self.wake.wait(duration_s):
                     self.wake.clear()
         finally:
@@ -670,8 +673,8 @@ class ControllerThreads:
         sys.setswitchinterval(min(sys.getswitchinterval(), _SWITCH_S))
         # the first look of the supervisor is a sign of life: not later than the first order
         controller.supervise()
-        steps = {'owner': self._fire, 'supervisor': self._supervise, 'ledger': self._reserve}
-        for name, step in steps.items():
+        steps = controller.step, controller.supervise, controller.reserve
+        for name, step in zip(('owner', 'supervisor', 'ledger'), steps, strict=True):
             if name in self._threads and self._threads[name].is_alive():
                 continue
             thread = self._threads[name] = _MonitoredThread(f'{name}_thread', controller, step)
@@ -683,14 +686,3 @@ class ControllerThreads:
         """End all of them."""
         for thread in self._threads.values():
             thread.close()
-
-    def _fire(self) -> float:
-        return (self._controller.step() - time.monotonic_ns()) / NANOSECONDS_PER_SECOND
-
-    def _supervise(self) -> float:
-        self._controller.supervise()
-        return LOOK_NS / NANOSECONDS_PER_SECOND
-
-    def _reserve(self) -> float:
-        self._controller.reserve()
-        return _RESERVE_S

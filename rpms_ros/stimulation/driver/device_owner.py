@@ -297,8 +297,11 @@ class DeviceOwner(SafetyMonitor):
         except NoAnswer:
             self._halt(Halt(Command.CLEANUP, f'{reason}; the device hangs', 'disarmed'))
 
-    def supervise(self) -> None:
-        """Watch over everything else; called steadily by a thread of its own."""
+    def supervise(self) -> int:
+        """Watch over everything else; return when to do so again [ns].
+
+        Called by a thread of its own.
+        """
         now = self._clock()
         self.seen(SUPERVISOR)
         self._apply_halts()
@@ -310,13 +313,14 @@ class DeviceOwner(SafetyMonitor):
         if self.coil is not None:
             self.temperature(self.coil.at(now))
         if self.state not in POSSIBLE:
-            return
+            return now + LOOK_NS
         problem = self.interlocks.problem(now, self._armed_ns)
         if problem is not None:
             self.stop(*problem)
         elif now - self._active_ns > nanoseconds(self.limits.idle_disarm_s):
             self.count('idle')
             self.disarm(f'idle: no pulse for {self.limits.idle_disarm_s:g} s while armed')
+        return now + LOOK_NS
 
     @property
     def coil_temperature(self) -> float:

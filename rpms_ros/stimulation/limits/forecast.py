@@ -7,7 +7,7 @@ What breaks a limit counts all the same: the driver would have stopped there, bu
 seen as a whole.
 """
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterator
 from copy import copy
 from dataclasses import dataclass
@@ -94,11 +94,10 @@ def forecast(
     trial = Trial(PulseLimiter(limits), CoilTemperature(thermal) if thermal else None, 0)
     found: dict[str, tuple[str, float]] = {}
     pulses: Counter[str] = Counter()
-    for index, (limit, reason) in trial.refusals(plan, schedule.width_s, 0):
-        onset_ns = plan.onset_ns[index] if index < len(plan) else plan.duration_ns
-        found.setdefault(limit, (reason, float(onset_ns) / NANOSECONDS_PER_SECOND))
+    for time_s, (limit, reason) in trial.refusals(plan, schedule.width_s, 0):
+        found.setdefault(limit, (reason, time_s))
         # the end is no pulse
-        pulses[limit] += index < len(plan)
+        pulses[limit] += time_s < plan.duration_s
     broken = [Violation(name, *first, pulses[name]) for name, first in found.items()]
     if dose is not None:
         broken += _over_dose(plan, limits, dose)
@@ -151,26 +150,30 @@ class Trial:
     """
 
     def __init__(self, limiter: PulseLimiter, coil: CoilTemperature | None, since_ns: int) -> None:
-        self._limiter, self._coil, self._active_ns = limiter.copied(), copy(coil), since_ns
+        self._limiter, self._coil, self._active_ns = copy(limiter), copy(coil), since_ns
+        self._limiter.window, self._limiter.known = deque(limiter.window), deque(limiter.known)
         self.limits = limiter.limits
         # a plan has no jitter
         self._limiter.tolerance_ns = 0
         self.waits_s: list[float] = []
         self.celsius: list[float] = []
 
-    def refusals(self, plan: Plan, width_s: float, start_ns: int) -> Iterator[tuple[int, Refusal]]:
+    def refusals(
+        self, plan: Plan, width_s: float, start_ns: int
+    ) -> Iterator[tuple[float, Refusal]]:
         """Book a plan that begins at ``start_ns`` [ns]; yield what stands against it.
 
-        Each refusal comes with the index of its pulse, or the number of pulses for the end.
+        Each refusal comes with the time of its pulse, or of the end, from the start [s].
         """
-        limiter, coil, index = self._limiter, self._coil, 0
-        times_ns = (start_ns + plan.onset_ns).tolist()
-        for time_ns, intensity in zip(times_ns, plan.intensity.tolist(), strict=True):
+        limiter, coil, begun = self._limiter, self._coil, False
+        onsets_ns, intensities = plan.onset_ns.tolist(), plan.intensity.tolist()
+        for onset_ns, intensity in zip(onsets_ns, intensities, strict=True):
+            time_ns, time_s = start_ns + onset_ns, onset_ns / NANOSECONDS_PER_SECOND
             for refusal in limiter.refusals(time_ns, intensity, width_s):
-                yield index, refusal
+                yield time_s, refusal
             if quiet := too_quiet(self.limits, time_ns - self._active_ns):
-                yield index, quiet
-            if index and limiter.starts_train(time_ns):
+                yield time_s, quiet
+            if begun and limiter.starts_train(time_ns):
                 self.waits_s.append(limiter.wait_s)
             limiter.book(time_ns, intensity)
             if coil is not None:
@@ -178,10 +181,9 @@ class Trial:
                 if self.celsius[-1] > coil.thermal.cutout:
                     most, found = told_apart(coil.thermal.cutout, self.celsius[-1])
                     fault = f'expected a coil of at most {most} Celsius, got {found} forecast'
-                    yield index, Refusal('coil_cutout', fault)
-            self._active_ns = time_ns
-            index += 1
-        if index:
+                    yield time_s, Refusal('coil_cutout', fault)
+            self._active_ns, begun = time_ns, True
+        if begun:
             self.waits_s.append(limiter.wait_s)
         if quiet := too_quiet(self.limits, start_ns + plan.duration_ns - self._active_ns):
-            yield index, quiet
+            yield plan.duration_s, quiet

@@ -17,9 +17,8 @@ import math
 from bisect import bisect_left
 from collections import deque
 from collections.abc import Iterable, Iterator
-from copy import copy
 from dataclasses import dataclass
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 from rpms_ros.errors import StimulationError
 from rpms_ros.printable import counted, told_apart
@@ -265,13 +264,6 @@ class PulseLimiter:
         self.known: deque[tuple[int, float]] = deque()
         self.session_pulses = 0
         self.session_energy_j = 0.0
-
-    def copied(self) -> Self:
-        """Return a limiter that remembers the same, for a trial."""
-        other = copy(self)
-        other.window = deque(self.window)
-        other.known = deque(self.known)
-        return other
 
     # ---- what was fired
 

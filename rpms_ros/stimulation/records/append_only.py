@@ -244,7 +244,6 @@ class ChainedFile:
             self._mend(chain, read)
             if self._count == 0:
                 self.append(BEGIN, {'purpose': purpose, **(begin or {}), **explanation(self.torn)})
-                _sync_folder(path.parent)
             elif self.torn:
                 self.append(TORN, explanation(self.torn))
         except BaseException:
@@ -342,6 +341,12 @@ def _locked(path: Path) -> int:
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW, 0o600)
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        # the name of a new file has to be on the disk too
+        folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
         if os.fstat(file).st_ino == path.stat().st_ino:
             return file
         fault = 'another file of that name meanwhile'
@@ -352,18 +357,6 @@ def _locked(path: Path) -> int:
     if file >= 0:
         os.close(file)
     raise StimulationError(f'expected {path} to write and lock, got {fault}')
-
-
-def _sync_folder(folder: Path) -> None:
-    """Put the name of a new file on the disk."""
-    try:
-        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
-    except OSError as fault:
-        raise StimulationError(f'expected a folder to write, got {folder}: {fault}') from fault
 
 
 @dataclass(frozen=True)
