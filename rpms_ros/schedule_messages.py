@@ -22,8 +22,14 @@ from rpms_ros.stimulation.schedule.description import (
     segment_from_mapping,
     segment_to_mapping,
 )
-from rpms_ros.stimulation.schedule.fields import DescriptionError, bounded_names, build, read_text
-from rpms_ros.stimulation.schedule.schedule import LONGEST_NAME, Repeat, Schedule, Segment
+from rpms_ros.stimulation.schedule.fields import (
+    LONGEST_NAME,
+    DescriptionError,
+    bounded_names,
+    build,
+    read_text,
+)
+from rpms_ros.stimulation.schedule.schedule import Repeat, Schedule, Segment
 from rpms_ros.strict_yaml import MOST_NODES
 
 Entry = dict[str, Any]
@@ -97,7 +103,7 @@ def _items(entries: Sequence[Entry], start: int, stop: int, depth: int) -> Items
                 f'got {entry["length"]}',
             )
         inner = _items(entries, index, end, depth + 1)
-        items.append(build(Repeat, entry, place, inner))
+        items.append(build(Repeat, entry, place, inner, also=('kind', 'length')))
         index = end
     return tuple(items)
 

@@ -25,6 +25,8 @@ _HELD = rapid2.REMOTE | rapid2.ARMED | rapid2.READY
 # The end of noise on a line of 9600 baud: about 30 bytes without one.
 _QUIET_NS = 30_000_000
 _LONGEST_NOISE_NS = 500_000_000
+# How long a turn waits for driver and line before it looks at the time.
+_TURN_MS = 5
 
 
 @dataclass(frozen=True)
@@ -246,7 +248,7 @@ class Guard:
             poll.register(descriptor, select.POLLIN)
         try:
             while not self.ended or self._attempts:
-                ready = {descriptor for descriptor, _ in poll.poll(self._pause_ms())}
+                ready = {descriptor for descriptor, _ in poll.poll(_TURN_MS)}
                 self._step(ready)
                 if self.ended and self._driver in ready:
                     poll.unregister(self._driver)
@@ -471,9 +473,3 @@ class Guard:
             self._tell(packets.LISTEN, b'', packet.sequence)
         elif now - self._noise_ns > _LONGEST_NOISE_NS:
             self.silence(f'expected a quiet line, got {self._heard!r} all the time')
-
-    def _pause_ms(self) -> float:
-        """Return how long there is nothing to do but to listen [ms]."""
-        if self._listening is not None:
-            return 5.0
-        return 20.0 if self._attempts or self._live else 100.0

@@ -71,8 +71,6 @@ def _refusal(possible: Collection[str], asked: str) -> str:
     return f'expected a transition of {", ".join(sorted(possible))}, got {asked}'
 
 
-_BOUND = 'maximum_intensity'
-"""The one parameter that may change while the driver runs."""
 _SIMULATED_TIME = 'use_sim_time'
 _BY_THE_CLOCK = 'expected use_sim_time false: a driver stamps what it does by the clock, got true'
 
@@ -371,14 +369,14 @@ class StimulatorDriver(LifecycleNode):
                 # armed since the check, by another thread: the lower bound stays in force
                 self._reports.refuse(str(error))
                 return
-            self.settings = dataclasses.replace(self.settings, **{_BOUND: bound})
+            self.settings = dataclasses.replace(self.settings, maximum_intensity=bound)
             self._reports.say(f'intensities up to {bound:g}')
             self._audit.note('limit', maximum_intensity=bound)
 
     def _new_bounds(self, parameters: list[Parameter]) -> list[float]:
         """Return the bounds on the intensity that are new; raise NodeError for what is none."""
-        given = [one.value for one in parameters if one.name == _BOUND]
-        asked = [dataclasses.replace(self.settings, **{_BOUND: value}) for value in given]
+        given = [one.value for one in parameters if one.name == 'maximum_intensity']
+        asked = [dataclasses.replace(self.settings, maximum_intensity=value) for value in given]
         return [one.maximum_intensity for one in asked if one != self.settings]
 
     def _guarded_tick(self) -> None:

@@ -33,6 +33,7 @@ from rpms_ros.stimulation import (
 )
 from rpms_ros.stimulation.limits.device_specification import load_device_specification
 from rpms_ros.stimulation.limits.patient import load_patient
+from rpms_ros.stimulation.schedule.fields import LONGEST_NAME
 from rpms_ros.stimulation.schedule.protocols import (
     FIELD_LEVELS,
     FIELD_RATES_HZ,
@@ -42,7 +43,6 @@ from rpms_ros.stimulation.schedule.protocols import (
     trains,
     twitches,
 )
-from rpms_ros.stimulation.schedule.schedule import LONGEST_NAME
 from rpms_ros.stimulation.schedule.segments import maximal_sequence
 
 RATE, LENGTH, SHARE = st.floats(1.0, 50.0), st.floats(0.1, 3.0), st.floats(0.0, 1.0)

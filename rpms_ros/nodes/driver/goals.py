@@ -23,26 +23,14 @@ from rpms_ros.schedule_messages import schedule_of
 from rpms_ros.stimulation import Schedule
 from rpms_ros.stimulation.driver.authority import AUTHORITY, Authority
 from rpms_ros.stimulation.driver.controller import StimulationController
-from rpms_ros.stimulation.driver.safety_monitor import (
-    EMERGENCY_STOP,
-    EXECUTOR,
-    FORCE,
-    HEARTBEAT,
-    SUPERVISOR,
-    SUSPEND,
-)
 from rpms_ros.stimulation.driver.states import Run, State
-from rpms_ros.stimulation.limits.limits import Refused
+from rpms_ros.stimulation.limits.limits import Interlocked, Refused
 
 CODES = RunSchedule.Result
 WATCH = 'watch'
 """Sign of life of the thread that hears what stops the driver."""
 UNIQUE = 'unique_driver'
 AUDIT = 'audit_log'
-_OF_THE_CONTROLLER = (EMERGENCY_STOP, EXECUTOR, FORCE, HEARTBEAT, SUPERVISOR, SUSPEND)
-INTERLOCKS = frozenset(('stop', 'force_limit', *_OF_THE_CONTROLLER, AUDIT, UNIQUE, WATCH))
-"""What a refusal may name that is no limit of device, coil or patient."""
-
 
 _CODE_OF_CAUSE = {
     'completed': CODES.NONE,
@@ -72,7 +60,7 @@ def code_of(error: RpmsError) -> Any:
         return CODES.WRONG_STATE
     if error.limit == AUTHORITY:
         return CODES.NO_AUTHORITY
-    return CODES.INTERLOCK if error.limit in INTERLOCKS else CODES.OVER_LIMIT
+    return CODES.INTERLOCK if isinstance(error, Interlocked) else CODES.OVER_LIMIT
 
 
 # every status message names all goals that are kept: a flood of them must not slow the executor

@@ -32,9 +32,9 @@ from rpms_ros.errors import StimulationError
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, nanoseconds
 from rpms_ros.stimulation.limits.limits import Refused
 from rpms_ros.stimulation.records.clocks import read_boot_id
+from rpms_ros.stimulation.schedule.fields import LONGEST_NAME
 
 AUTHORITY = 'authority'
-LONGEST_NAME = 64
 
 
 class Beat(NamedTuple):
@@ -232,7 +232,7 @@ def host_identity() -> str:
 
 
 class ProcessLife:
-    """Watches one process; use `close` in the end.
+    """Watches one process; used by one thread at a time; use `close` in the end.
 
     Parameters
     ----------
@@ -243,30 +243,24 @@ class ProcessLife:
     """
 
     def __init__(self, host: str, process: int) -> None:
-        self.descriptor = -1
-        self.known = False
+        self.known, self._descriptor = False, -1
         if process > 0 and host and host == host_identity():
             self.known = True
             # a process that is gone already stays at -1
             with contextlib.suppress(OSError):
-                self.descriptor = os.pidfd_open(process)
+                self._descriptor = os.pidfd_open(process)
 
     @property
     def ended(self) -> bool:
         """Whether the process is known to have ended."""
-        # in the reverse of the order of `close`, which another thread may call
-        descriptor, known = self.descriptor, self.known
-        if not known:
-            return False
-        if descriptor < 0:
-            return True
+        if not self.known or self._descriptor < 0:
+            return self.known
         poll = select.poll()
-        poll.register(descriptor, select.POLLIN)
+        poll.register(self._descriptor, select.POLLIN)
         return bool(poll.poll(0))
 
     def close(self) -> None:
         """Stop watching; afterwards no end is seen."""
-        self.known = False
-        descriptor, self.descriptor = self.descriptor, -1
-        if descriptor >= 0:
-            os.close(descriptor)
+        if self._descriptor >= 0:
+            os.close(self._descriptor)
+        self.known, self._descriptor = False, -1

@@ -54,6 +54,7 @@ from rpms_ros.stimulation.limits.limits import (
     TIMING_LIMITS,
     BookedPulse,
     DoseExceeded,
+    Interlocked,
     LedgerError,
     PulseLimiter,
     Refused,
@@ -249,7 +250,7 @@ class StimulationController(DeviceOwner):
         self._wait_for_nothing()
         if not self._enter(Command.START, f'running {run.schedule.name}', since):
             run.end(self.reason, 'stopped')
-            raise Refused('stop', f'start: expected no stop meanwhile, got one: {self.reason}')
+            raise Interlocked('stop', f'start: expected no stop meanwhile, got one: {self.reason}')
 
     def _deliverable_plan(self, schedule: Schedule, start_ns: int) -> Plan:
         """Return the plan as the device can give it, or raise what stands against it."""

@@ -27,7 +27,7 @@ from rpms_ros.stimulation.devices.registry import Device, DeviceError, DeviceSta
 from rpms_ros.stimulation.driver.safety_monitor import SUPERVISOR, Halt, SafetyMonitor
 from rpms_ros.stimulation.driver.states import POSSIBLE, Command, DriverSettings, State, after
 from rpms_ros.stimulation.limits.coil_temperature import CoilTemperature
-from rpms_ros.stimulation.limits.limits import Limits, Refused
+from rpms_ros.stimulation.limits.limits import Interlocked, Limits
 
 Result = TypeVar('Result')
 
@@ -363,7 +363,7 @@ class DeviceOwner(SafetyMonitor):
         self._set_intensity = 0.0
         if not self._enter(Command.ARM, 'armed', since):
             self._silence()
-            raise Refused('stop', f'arm: expected no stop meanwhile, got one: {self.reason}')
+            raise Interlocked('stop', f'arm: expected no stop meanwhile, got one: {self.reason}')
 
     def _close(self, reason: str) -> None:
         """Close the device; one that does not close is given up."""

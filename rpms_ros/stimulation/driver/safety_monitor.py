@@ -21,7 +21,7 @@ from typing import NamedTuple
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, nanoseconds
 from rpms_ros.stimulation.devices.registry import Device
 from rpms_ros.stimulation.driver.states import POSSIBLE, Command, DriverSettings, Run, State, after
-from rpms_ros.stimulation.limits.limits import Refused
+from rpms_ros.stimulation.limits.limits import Interlocked, Refused
 from rpms_ros.stimulation.records.clocks import slept_ns
 
 SUSPEND = 'suspend'
@@ -425,7 +425,8 @@ class SafetyMonitor:
     def _refuse_if_open(self) -> None:
         if self.interlocks.latched:
             why = self.interlocks.latched_reason
-            raise Refused('stop', f'expected the latched stop to be reset, got: {why}')
+            raise Interlocked('stop', f'expected the latched stop to be reset, got: {why}')
         problem = self.interlocks.problem(self._clock())
         if problem is not None:
-            raise Refused(*problem)
+            # how warm it may be is a limit of the coil
+            raise (Refused if problem[0] == 'temperature' else Interlocked)(*problem)

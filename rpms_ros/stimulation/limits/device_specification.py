@@ -11,19 +11,18 @@ from rpms_ros.stimulation.limits.coil_temperature import CoilThermal
 from rpms_ros.stimulation.limits.limits import Limits
 from rpms_ros.stimulation.schedule.description import from_file
 from rpms_ros.stimulation.schedule.fields import (
+    LONGEST_NAME,
     Bound,
     DescriptionError,
     as_mapping,
     bounded_names,
     build,
-    read_part,
     read_text,
     refuse_unknown,
 )
 from rpms_ros.strict_yaml import shown
 
 _FOLDER = Path(__file__).with_name('device_specifications')
-LONGEST_NAME = 64
 LONGEST_TEXT = 500
 # What has no limit at its bound in `Limits` has one here.
 _OF_REAL_DEVICES = {
@@ -107,7 +106,7 @@ def _read(content: object) -> DeviceSpecification:
         name=read_text(document, 'name', '', LONGEST_NAME),
         description=read_text(document, 'description', '', LONGEST_TEXT),
         limits=build(Limits, limits, 'limits'),
-        thermal=None if thermal is None else read_part(CoilThermal, thermal, 'thermal'),
+        thermal=None if thermal is None else build(CoilThermal, thermal, 'thermal'),
         simulated_only=simulated_only,
         serial_number=serial,
     )

@@ -131,6 +131,10 @@ class Refused(StimulationError):
         self.limit = limit
 
 
+class Interlocked(Refused):
+    """A stop is latched, or something that has to hold for any pulse does not."""
+
+
 class LedgerError(StimulationError):
     """A pulse cannot be put on the account, so it must not be fired."""
 

@@ -19,21 +19,21 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from pathlib import Path
+from typing import Any
 
 from rpms_ros.errors import StimulationError
-from rpms_ros.stimulation.limits.device_specification import LONGEST_NAME, DeviceSpecification
+from rpms_ros.stimulation.limits.device_specification import DeviceSpecification
 from rpms_ros.stimulation.limits.limits import DoseLimits
 from rpms_ros.stimulation.schedule.description import from_file
 from rpms_ros.stimulation.schedule.fields import (
+    LONGEST_NAME,
     Bound,
     Bounded,
     DescriptionError,
     as_mapping,
     bounded,
     build,
-    read_part,
     read_text,
-    refuse_unknown,
 )
 from rpms_ros.strict_yaml import shown
 
@@ -135,17 +135,14 @@ def patient_from_mapping(content: object) -> Patient:
         If something is missing, unknown or out of its bound; names the place.
     """
     document = as_mapping(content, '')
-    refuse_unknown(document, [entry.name for entry in dataclasses.fields(Patient)], '')
-    texts = ('identifier', 'device', 'set_by')
-    return build(
-        Patient,
-        document,
-        '',
-        **{name: read_text(document, name, '', LONGEST_NAME) for name in texts},
-        **{name: _day(document, name) for name in ('set_on', 'expires')},
-        dose=read_part(DoseLimits, document.get('dose'), 'dose'),
-        rest=read_part(Rest, document.get('rest'), 'rest'),
-    )
+    named: dict[str, Any] = {
+        name: read_text(document, name, '', LONGEST_NAME)
+        for name in ('identifier', 'device', 'set_by')
+    }
+    named |= {name: _day(document, name) for name in ('set_on', 'expires')}
+    dose = build(DoseLimits, document.get('dose'), 'dose')
+    rest = build(Rest, document.get('rest'), 'rest')
+    return build(Patient, document, '', dose=dose, rest=rest, **named)
 
 
 def for_session(

@@ -26,6 +26,7 @@ from rpms_ros.pulses import nanoseconds
 from rpms_ros.stimulation.limits.limits import BookedPulse, DoseExceeded, DoseLimits, LedgerError
 from rpms_ros.stimulation.records.append_only import BEGIN, ChainedFile, Record, wall_ns_of
 from rpms_ros.stimulation.records.clocks import Clocks
+from rpms_ros.stimulation.schedule.fields import LONGEST_NAME
 
 RESERVE, SETTLE = 'reserve', 'settle'
 LARGEST_ENERGY_J = 1e6
@@ -152,11 +153,10 @@ def agreed(device: LedgerReader, patient: LedgerReader) -> Batch | None:
     if given[:-1] == got:
         old = {'batch': given[-1], 'device': device.name, 'patient': patient.name, 'pulses': []}
         return device.batches.get(given[-1], Batch(old, {}))
-    short = device if len(given) <= len(got) else patient
+    # `require_all` has counted them
     raise LedgerError(
-        f'expected in the ledger of {short.owner} {short.name!r} the {max(len(given), len(got))} '
-        f'reservations that the other ledger has, got {min(len(given), len(got))}: records are '
-        'missing'
+        f'expected the same reservations in the ledgers of device {device.name!r} and patient '
+        f'{patient.name!r}, got others: records are missing'
     )
 
 
@@ -212,7 +212,6 @@ def readable(torn: bytes, known: LedgerReader) -> list[BookedPulse]:
 
 
 PURPOSE = 'dose ledger'
-LONGEST_NAME = 64
 # of a reservation that has to be written once more: when it was made stays what it was
 _COPIED = ('batch', 'device', 'patient', 'pulses', 'time', 'boot_id', 'boot_ns')
 

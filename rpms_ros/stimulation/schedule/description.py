@@ -21,14 +21,14 @@ import yaml
 
 from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation.schedule.fields import (
+    LONGEST_NAME,
     DescriptionError,
     as_mapping,
     bounded_names,
     build,
     read_text,
-    refuse_unknown,
 )
-from rpms_ros.stimulation.schedule.schedule import LONGEST_NAME, Pause, Repeat, Schedule, Segment
+from rpms_ros.stimulation.schedule.schedule import Pause, Repeat, Schedule, Segment
 from rpms_ros.stimulation.schedule.segments import (
     Constant,
     Doublet,
@@ -128,10 +128,9 @@ def schedule_from_mapping(content: object) -> Schedule:
         If something is missing, unknown or out of its bound; names the place.
     """
     document = as_mapping(content, '')
-    refuse_unknown(document, ['name', 'segments', *bounded_names(Schedule)], '')
     name = read_text({'name': 'schedule', **document}, 'name', '', LONGEST_NAME)
     segments = _segments(document.get('segments'), 'segments', 0)
-    return build(Schedule, document, '', segments, name=name)
+    return build(Schedule, document, '', segments, also=('segments',), name=name)
 
 
 def schedule_from_text(text: str) -> Schedule:
@@ -179,9 +178,8 @@ def _segments(content: object, place: str, depth: int) -> tuple[Segment | Repeat
 def _segment(content: object, place: str, depth: int) -> Segment | Repeat:
     mapping = as_mapping(content, place)
     if mapping.get('kind') == 'repeat':
-        refuse_unknown(mapping, ['kind', 'segments', 'times'], place)
         inner = _segments(mapping.get('segments'), join(place, 'segments'), depth + 1)
-        return build(Repeat, mapping, place, inner)
+        return build(Repeat, mapping, place, inner, also=('kind', 'segments'))
     return segment_from_mapping(mapping, place)
 
 
@@ -197,9 +195,7 @@ def segment_from_mapping(mapping: Mapping[str, object], place: str) -> Segment:
     if not isinstance(kind, str) or kind not in SEGMENT_KINDS:
         known = ', '.join(sorted([*SEGMENT_KINDS, 'repeat']))
         raise DescriptionError(join(place, 'kind'), f'expected one of {known}, got {shown(kind)}')
-    chosen = SEGMENT_KINDS[kind]
-    refuse_unknown(mapping, ['kind', *bounded_names(chosen)], place)
-    return build(chosen, mapping, place)
+    return build(SEGMENT_KINDS[kind], mapping, place, also=('kind',))
 
 
 def _described(item: Segment | Repeat) -> dict[str, Any]:

@@ -18,6 +18,9 @@ from rpms_ros.strict_yaml import join, shown
 
 Part = TypeVar('Part')
 
+LONGEST_NAME = 64
+"""Of schedules, devices, patients and operators."""
+
 
 class DescriptionError(StimulationError):
     """A description holds a fault; ``place`` says where.
@@ -156,20 +159,34 @@ def read_text(content: Mapping[str, object], key: str, place: str, longest: int)
 
 def build(
     kind: Callable[..., Part],
-    content: Mapping[str, object],
+    given: object,
     place: str,
     *inner: object,
+    also: tuple[str, ...] = (),
     **more: object,
 ) -> Part:
     """Return the dataclass whose bounded fields a mapping describes, with what is given besides.
 
+    Parameters
+    ----------
+    kind : type
+        The dataclass.
+    given : mapping
+        Its bounded fields by name, and what stands ``also`` there and is read by the caller.
+    place : str
+        Where it stands.
+    *inner, **more : object
+        Fields that have no bound.
+
     Raises
     ------
     DescriptionError
-        Names the place of the field that is missing or out of bounds; of a fault of several
-        together, the place of the whole.
+        Names the place of the field that is missing, unknown or out of bounds; of a fault of
+        several together, the place of the whole.
     """
+    content = as_mapping(given, place)
     entries = [entry for entry in fields(kind) if 'bound' in entry.metadata]  # type: ignore[arg-type]
+    refuse_unknown(content, [*also, *more, *(entry.name for entry in entries)], place)
     for entry in entries:
         if entry.name not in content and entry.default is MISSING:
             bound = entry.metadata['bound']
@@ -181,19 +198,6 @@ def build(
         raise DescriptionError(join(place, fault.place), fault.fault) from fault
     except StimulationError as fault:
         raise DescriptionError(place, str(fault)) from fault
-
-
-def read_part(kind: type[Part], content: object, place: str) -> Part:
-    """Return the dataclass of bounded fields alone that a mapping describes.
-
-    Raises
-    ------
-    DescriptionError
-        As `build` does, and for unknown names.
-    """
-    mapping = as_mapping(content, place)
-    refuse_unknown(mapping, bounded_names(kind), place)
-    return build(kind, mapping, place)
 
 
 def bounded_names(kind: type) -> list[str]:

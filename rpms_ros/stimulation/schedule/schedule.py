@@ -28,7 +28,13 @@ from rpms_ros.pulses import (
     PulseTrain,
     nanoseconds,
 )
-from rpms_ros.stimulation.schedule.fields import Bound, Bounded, DescriptionError, bounded
+from rpms_ros.stimulation.schedule.fields import (
+    LONGEST_NAME,
+    Bound,
+    Bounded,
+    DescriptionError,
+    bounded,
+)
 from rpms_ros.strict_yaml import shown
 
 # One pulse in 1000 s; bounded below so that no onset leaves the range of an integer.
@@ -86,7 +92,6 @@ class Pause(Segment):
 
 
 MOST_PULSES = 500_000
-LONGEST_NAME = 64
 
 
 @dataclass(frozen=True)
