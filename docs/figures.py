@@ -20,7 +20,6 @@ from matplotlib.figure import Figure
 
 import rpms_ros
 from rpms_ros.cli import main as rpms
-from rpms_ros.stimulation import MultilevelPRBS, Schedule
 
 DOCS = Path(__file__).resolve().parent
 SAMPLE = DOCS.parent / 'bags' / 'sample'
@@ -37,9 +36,10 @@ def excitation(path: Path) -> None:
     """Width of the interval of the steady force by schedule and duration."""
     figure = Figure(figsize=(9.0, 3.4), layout='constrained')
     panels = figure.subplots(1, 2, sharey=True)
-    styles = {'uniform_random': '-', 'multilevel_prbs': '--', 'sinusoid': '-.', 'staircase': ':'}
+    styles = {'uniform_random': '-', 'sinusoid': '-.', 'staircase': ':'}
     for name, style in styles.items():
-        found = [_simulated(name, duration).identify() for duration in DURATIONS]
+        sessions = [rpms_ros.simulate(name, duration=one, noise=0.05) for one in DURATIONS]
+        found = [session.identify() for session in sessions]
         for panel, intensity in zip(panels, (0.5, 1.0), strict=True):
             stated = [one.force_at(intensity) for one in found]
             half = [(one.upper - one.lower) / 2 for one in stated]
@@ -49,13 +49,6 @@ def excitation(path: Path) -> None:
     panels[0].set_ylabel('half width of the\n95 % interval [N]')
     panels[1].legend()
     figure.savefig(path, dpi=110)
-
-
-def _simulated(name: str, duration: float) -> rpms_ros.Session:
-    if name != 'multilevel_prbs':
-        return rpms_ros.simulate(name, duration=duration, noise=0.05)
-    segment = MultilevelPRBS(rate_hz=20.0, duration_s=duration)
-    return rpms_ros.simulate(Schedule((segment,), name=name, seed=1), noise=0.05)
 
 
 def report(path: Path) -> None:

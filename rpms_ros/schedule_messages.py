@@ -44,8 +44,10 @@ KINDS = (
 )  # fmt: skip
 """Kinds of segments; the number of the first is 1."""
 
-_REPEAT = ('times', 'length')
-_FIELDS = tuple(dict.fromkeys(chain(*map(bounded_names, SEGMENT_KINDS.values()), _REPEAT)))
+_READ = {kind: bounded_names(segment) for kind, segment in SEGMENT_KINDS.items()}
+_READ['repeat'] = ['times', 'length']
+# What only a multilevel_prbs had, which is gone, has to be zero as well.
+_FIELDS = dict.fromkeys(chain(*_READ.values(), ('level_count', 'order', 'hold_pulses')))
 
 
 def schedule_of(message: Any) -> Schedule:
@@ -110,11 +112,11 @@ def _items(entries: Sequence[Entry], start: int, stop: int, depth: int) -> Items
 
 def _entry(message: Any, place: str) -> Entry:
     number = int(message.kind)
-    if not 1 <= number <= len(KINDS):
-        fault = f'expected a number from 1 to {len(KINDS)}, got {number}'
-        raise DescriptionError(f'{place}.kind', fault)
-    kind = KINDS[number - 1]
-    read = _REPEAT if kind == 'repeat' else tuple(bounded_names(SEGMENT_KINDS[kind]))
+    kind = KINDS[number - 1] if 1 <= number <= len(KINDS) else ''
+    if kind not in _READ:
+        fault = f'expected a number from 1 to {len(KINDS)}, got {number} {kind}'
+        raise DescriptionError(f'{place}.kind', fault.rstrip())
+    read = _READ[kind]
     entry: Entry = {'kind': kind}
     for name in _FIELDS:
         value = getattr(message, name)
@@ -137,7 +139,7 @@ def _left_out(name: str, value: Any, message: Any) -> bool:
 
 
 def _unread(kind: str, name: str, value: object) -> str:
-    if name == 'seed' and kind in ('uniform_random', 'multilevel_prbs'):
+    if name == 'seed' and kind == 'uniform_random':
         return f'expected own_seed with a seed, got {value} without'
     return f'expected nothing here, which a {kind} does not read, got {value}'
 

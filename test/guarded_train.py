@@ -11,8 +11,7 @@ import signal
 import sys
 import time
 
-from rpms_ros.stimulation.devices import DeviceError
-from rpms_ros.stimulation.devices.registry import TooLate
+from rpms_ros.stimulation.devices.registry import DeviceError, TooLate
 from rpms_ros.stimulation.devices.serial_line import SerialDevice
 
 SECOND = 1_000_000_000

@@ -23,13 +23,13 @@ segments:
       - {kind: constant, rate_hz: 5.0, final_rate_hz: 20.0, duration_s: 4.0, intensity: 0.4}
       - {kind: doublet, interval_s: 0.01}
   - {kind: staircase, rate_hz: 10.0, duration_s: 2.0, levels: [0.1, 0.2]}
-  - {kind: multilevel_prbs, rate_hz: 10.0, duration_s: 2.0, level_count: 7, order: 4}
+  - {kind: uniform_random, rate_hz: 10.0, duration_s: 2.0, high: 0.5, seed: 4}
 """
 WORDS = (
     'name', 'seed', 'width_s', 'segments', 'kind', 'rate_hz', 'final_rate_hz', 'duration_s',
-    'intensity', 'low', 'high', 'period_s', 'levels', 'level_count', 'order', 'hold_pulses',
-    'count', 'interval_s', 'times', 'start', 'end', 'constant', 'ramp', 'staircase', 'sinusoid',
-    'uniform_random', 'multilevel_prbs', 'single', 'doublet', 'n_let', 'pause', 'repeat',
+    'intensity', 'low', 'high', 'period_s', 'levels', 'count', 'interval_s', 'times', 'start',
+    'end', 'constant', 'ramp', 'staircase', 'sinusoid', 'uniform_random', 'single', 'doublet',
+    'n_let', 'pause', 'repeat',
 )  # fmt: skip
 SCALARS = (
     '0', '1', '-1', '010', '0100', '1:30', '1:30:00', '1_000', '0x1F', '0o17', '0b1', '0x_', '08',
@@ -78,7 +78,7 @@ KNOWN = (
     'segments: [{kind: constant, rate_hz: 010, duration_s: 1.0}]',
     'segments: [{kind: pause, duration_s: 1:30}]',
     'segments: [{kind: single, intensity: 0.1, intensity: 1.0}]',
-    'segments: [{kind: multilevel_prbs, rate_hz: 9.0, duration_s: 1.0, level_count: 7, order: 4}]',
+    'segments: [{kind: uniform_random, rate_hz: 9.0, duration_s: 1.0, low: 0.7, high: 0.4}]',
     'segments: [{kind: repeat, times: 100000, segments: [{kind: pause, duration_s: 1e-6}]}]',
     '1\n' * 50_000,
     'a: 1\n' * 40_000,

@@ -34,7 +34,7 @@ segments:
           - {kind: single, intensity: 0.4}
           - {kind: doublet, intensity: 0.3, interval_s: 0.02}
       - {kind: uniform_random, rate_hz: 20.0, duration_s: 1.0}
-  - {kind: multilevel_prbs, rate_hz: 20.0, duration_s: 1.0, level_count: 3, order: 2, seed: 9}
+  - {kind: uniform_random, rate_hz: 20.0, duration_s: 1.0, low: 0.2, seed: 9}
   - {kind: n_let, count: 4, interval_s: 0.02}
   - {kind: pause, duration_s: 2.0}
 """
@@ -50,7 +50,7 @@ def repeat(times, length):
 
 
 def test_the_numbers_of_the_kinds_are_those_of_the_message():
-    assert set(KINDS) == {*SEGMENT_KINDS, 'repeat'}
+    assert {*KINDS} - {'multilevel_prbs'} == {*SEGMENT_KINDS, 'repeat'}
     for number, kind in enumerate(KINDS, 1):
         assert getattr(ScheduleSegment, kind.upper()) == number
 
@@ -100,6 +100,8 @@ def test_an_intensity_that_is_not_given_is_zero():
         ([], 'segments: expected at least one segment, got none'),
         ([ScheduleSegment()], 'segments[0].kind: expected a number from 1 to 11, got 0'),
         ([train(kind=12)], 'segments[0].kind: expected a number from 1 to 11, got 12'),
+        ([train(kind=6)], 'segments[0].kind: expected a number from 1 to 11, got 6 multil'),
+        ([train(order=1)], 'segments[0].order: expected nothing here'),
         ([train(), train(rate_hz=0.0)], 'segments[1].rate_hz: expected a number in [0.001, 1000]'),
         ([train(rate_hz=math.nan)], 'segments[0].rate_hz: expected a number'),
         ([train(final_rate_hz=math.nan)], 'segments[0].final_rate_hz: expected a number'),

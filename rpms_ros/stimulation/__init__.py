@@ -21,7 +21,6 @@ from rpms_ros.stimulation.schedule.schedule import Pause, Plan, Repeat, Schedule
 from rpms_ros.stimulation.schedule.segments import (
     Constant,
     Doublet,
-    MultilevelPRBS,
     PulseBurst,
     Ramp,
     Single,
@@ -35,7 +34,6 @@ __all__ = [
     'Constant',
     'DescriptionError',
     'Doublet',
-    'MultilevelPRBS',
     'Pause',
     'Plan',
     'PulseBurst',

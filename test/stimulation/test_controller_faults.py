@@ -7,7 +7,7 @@ from faulty_device import SimulatedFaults
 
 from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation import Schedule, Single, constant
-from rpms_ros.stimulation.devices import UNVERIFIED, Delivery, DeviceError
+from rpms_ros.stimulation.devices.registry import UNVERIFIED, Delivery, DeviceError
 from rpms_ros.stimulation.driver.states import State
 
 BUSY = 'computer too busy: pulses stopped; '

@@ -21,7 +21,7 @@ from faulty_device import SimulatedFaults
 
 from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation import Constant, Doublet, Pause, Ramp, Schedule, UniformRandom
-from rpms_ros.stimulation.devices import DeviceError
+from rpms_ros.stimulation.devices.registry import DeviceError
 from rpms_ros.stimulation.driver.safety_monitor import EXECUTOR, HEARTBEAT, Refused
 from rpms_ros.stimulation.driver.states import POSSIBLE, State
 from rpms_ros.stimulation.limits.limits import DoseLimits, Limits

@@ -9,8 +9,8 @@ import pytest
 
 from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation import Pause, Schedule, Single, constant
-from rpms_ros.stimulation.devices import SimulatedDevice
 from rpms_ros.stimulation.devices.serial_line import SerialDevice
+from rpms_ros.stimulation.devices.simulated import SimulatedDevice
 from rpms_ros.stimulation.driver.controller import StimulationController
 from rpms_ros.stimulation.driver.safety_monitor import Refused
 from rpms_ros.stimulation.driver.states import Command, DriverSettings, State

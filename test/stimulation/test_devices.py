@@ -9,13 +9,14 @@ from hypothesis import given, strategies as st
 from rpms_ros.errors import StimulationError
 from rpms_ros.guard import rapid2
 from rpms_ros.guard.rapid2 import framed
-from rpms_ros.stimulation.devices import SimulatedDevice, TooLate, registry
-from rpms_ros.stimulation.devices.registry import DeviceOptions, quantized_down
+from rpms_ros.stimulation.devices import registry
+from rpms_ros.stimulation.devices.registry import DeviceOptions, TooLate, quantized_down
 from rpms_ros.stimulation.devices.serial_line import SerialDevice
+from rpms_ros.stimulation.devices.simulated import SimulatedDevice
 from rpms_ros.stimulation.limits.device_specification import load_device_specification
 
 MODULE = """
-from rpms_ros.stimulation.devices import SimulatedDevice
+from rpms_ros.stimulation.devices.simulated import SimulatedDevice
 from rpms_ros.stimulation.devices.registry import quantized_down
 
 class AcmeDevice(SimulatedDevice):

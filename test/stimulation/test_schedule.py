@@ -3,7 +3,6 @@
 """Schedules: segments and what they add up to, protocols, and any text whatever."""
 
 import os
-from collections import Counter
 
 import numpy as np
 import pytest
@@ -15,7 +14,6 @@ from rpms_ros.stimulation import (
     Constant,
     DescriptionError,
     Doublet,
-    MultilevelPRBS,
     Pause,
     PulseBurst,
     Ramp,
@@ -43,7 +41,6 @@ from rpms_ros.stimulation.schedule.protocols import (
     trains,
     twitches,
 )
-from rpms_ros.stimulation.schedule.segments import maximal_sequence
 
 RATE, LENGTH, SHARE = st.floats(1.0, 50.0), st.floats(0.1, 3.0), st.floats(0.0, 1.0)
 SIMPLE = st.one_of(
@@ -233,17 +230,6 @@ def test_own_seed_wins_over_the_schedule():
     assert np.array_equal(intensities(free, 1), intensities(free, 1))
 
 
-@pytest.mark.parametrize('symbols', [2, 3, 5, 7])
-@pytest.mark.parametrize('order', [1, 2, 3, 4])
-def test_maximal_sequence_visits_every_level_alike(symbols, order):
-    sequence = maximal_sequence(symbols, order)
-    counts = Counter(sequence)
-    each = symbols ** (order - 1)
-    assert len(sequence) == symbols**order - 1
-    assert counts[0] == each - 1
-    assert all(counts[symbol] == each for symbol in range(1, symbols))
-
-
 def test_volleys():
     assert Single(intensity=0.3).onsets_ns().tolist() == [0]
     assert Doublet(interval_s=0.005).onsets_ns().tolist() == [0, 5_000_000]
@@ -258,8 +244,7 @@ def test_volleys():
     [
         (lambda: Constant(20.0, 1.0, intensity=1.01), r'intensity: expected .* got 1.01'),
         (lambda: Staircase(20.0, 1.0, levels=()), r'levels: expected a list, each .* got \(\)'),
-        (lambda: MultilevelPRBS(20.0, 1.0, low=0.5, high=0.2), 'expected low <= high, got 0.5 a'),
-        (lambda: MultilevelPRBS(20.0, 1.0, level_count=6), r'level_count of 2, 3, 5 or 7, got 6'),
+        (lambda: UniformRandom(20.0, 1.0, low=0.5, high=0.2), 'expected low <= high, got 0.5 a'),
         (lambda: Doublet(count=3), r'count: expected a whole number in \[2, 2\], got 3'),
         (lambda: PulseBurst(count=1.5), r'count: expected a whole number .* got 1.5'),
         (lambda: PulseBurst(count=5, interval_s=0.25), r'expected a duration above 1 s, .* got 1'),

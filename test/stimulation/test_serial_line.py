@@ -19,7 +19,7 @@ import serial
 from rpms_ros.guard import packets, rapid2
 from rpms_ros.guard.packets import Packet
 from rpms_ros.pulses import MAGNETIC_PULSE_WIDTH
-from rpms_ros.stimulation.devices import DeviceError, DeviceStatus, TooLate
+from rpms_ros.stimulation.devices.registry import DeviceError, DeviceStatus, TooLate
 from rpms_ros.stimulation.devices.serial_line import SerialDevice, open_port
 
 # Linux; Python has no name for it

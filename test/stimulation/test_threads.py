@@ -9,7 +9,7 @@ import pytest
 
 from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation import constant
-from rpms_ros.stimulation.devices import SimulatedDevice
+from rpms_ros.stimulation.devices.simulated import SimulatedDevice
 from rpms_ros.stimulation.driver.controller import ControllerThreads, StimulationController
 from rpms_ros.stimulation.driver.device_owner import NoAnswer
 from rpms_ros.stimulation.driver.safety_monitor import EXECUTOR

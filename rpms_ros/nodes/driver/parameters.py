@@ -10,8 +10,8 @@ from pathlib import Path
 from rpms_ros.axis import FORCE, UNITS
 from rpms_ros.errors import NodeError, StimulationError
 from rpms_ros.nodes.common.parameters import NodeParameters, parameter
-from rpms_ros.stimulation.devices import Device, registry
-from rpms_ros.stimulation.devices.registry import DeviceOptions, require_device
+from rpms_ros.stimulation.devices import registry
+from rpms_ros.stimulation.devices.registry import Device, DeviceOptions, require_device
 from rpms_ros.stimulation.driver.states import DriverSettings
 from rpms_ros.stimulation.limits.device_specification import (
     DeviceSpecification,
@@ -93,14 +93,13 @@ class DriverParameters(NodeParameters):
 
     def _require_safeguards(self) -> None:
         """Raise NodeError if something that a real device needs is switched off."""
-        for name in ('require_operator', 'require_stop_button'):
+        files = 'audit_log', 'ledger_folder', 'patient_file'
+        for name in ('require_operator', 'require_stop_button', *files):
             if not getattr(self, name):
-                raise NodeError(f'expected {name} with a real device, got false')
+                got = 'none' if name in files else 'false'
+                raise NodeError(f'expected {name} with a real device, got {got}')
         if self.autostart:
             raise NodeError('expected no autostart with a real device, got true')
-        for name in ('audit_log', 'ledger_folder', 'patient_file'):
-            if not getattr(self, name):
-                raise NodeError(f'expected {name} with a real device, got none')
 
     @property
     def simulated(self) -> bool:
@@ -211,12 +210,10 @@ def patience_s(settings: DriverParameters, limit_s: float) -> float:
 
 def driver_settings_of(settings: DriverParameters) -> DriverSettings:
     """Return how the driver watches over itself."""
+    own = 'executor_timeout_s', 'response_limit_s', 'stuck_limit_s', 'supervisor_timeout_s'
     return DriverSettings(
+        **{name: patience_s(settings, getattr(DriverSettings, name)) for name in own},
         lateness_limit_s=settings.lateness_limit,
-        executor_timeout_s=patience_s(settings, DriverSettings.executor_timeout_s),
-        response_limit_s=patience_s(settings, DriverSettings.response_limit_s),
-        stuck_limit_s=patience_s(settings, DriverSettings.stuck_limit_s),
-        supervisor_timeout_s=patience_s(settings, DriverSettings.supervisor_timeout_s),
         force_limit_n=settings.force_limit,
         force_unit=UNITS[settings.quantity],
         force_timeout_s=settings.force_timeout,

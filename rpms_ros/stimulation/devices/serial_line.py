@@ -47,7 +47,6 @@ from rpms_ros.stimulation.devices.registry import (
 Read = TypeVar('Read')
 
 _SECOND = 1_000_000_000
-_FOREVER_S = 1e6
 _STEPS = 100
 # Published: about 1 s to charge.
 _CHARGE_S = 3.0
@@ -432,11 +431,9 @@ class SerialDevice:
         """
         if self._is_silenced:
             return None
-        end = self._clock() + round(min(spare_s, _FOREVER_S) * _SECOND)
+        end_ns = self._clock() + spare_s * _SECOND
         status = self._set_percent(round(_STEPS * self.quantized(intensity)))
-        over = self._clock() + _exchange_s(rapid2.TEMPERATURE_LENGTH) * _SECOND
-        fits = self._temperature_is_due and over <= end
-        temperature = self._read_temperature() if fits else None
+        temperature = self._temperature(end_ns)
         self._refuse_what_is_wrong(status, self._armed)
         return self._status_of(status, temperature)
 
@@ -484,7 +481,7 @@ class SerialDevice:
             if self._is_silenced:
                 self._begin()
             status = self._ask(rapid2.ENABLE)
-            temperature = self._read_temperature() if self._temperature_is_due else None
+            temperature = self._temperature()
         except DeviceError:
             # silenced meanwhile, by another thread: nothing is wrong with the device
             if self._silenced != before:
@@ -544,12 +541,12 @@ class SerialDevice:
         self._set = percent
         return status
 
-    @property
-    def _temperature_is_due(self) -> bool:
-        last = self._temperature_ns
-        return last is None or self._clock() - last >= _TEMPERATURE_INTERVAL_NS
-
-    def _read_temperature(self) -> float:
+    def _temperature(self, end_ns: float = math.inf) -> float | None:
+        """Read the temperature if that is due and takes no longer than until ``end_ns`` [ns]."""
+        now, last = self._clock(), self._temperature_ns
+        due = last is None or now - last >= _TEMPERATURE_INTERVAL_NS
+        if not due or now + _exchange_s(rapid2.TEMPERATURE_LENGTH) * _SECOND > end_ns:
+            return None
         answer = self._exchange(rapid2.TEMPERATURE, rapid2.TEMPERATURE_LENGTH)
         temperature = _checked(rapid2.celsius, answer.data)
         self._temperature_ns = self._clock()

@@ -116,8 +116,8 @@ class StopButtons:
         """Return name and state of each button; those of one node have one name."""
         with self._lock:
             states = [
-                (self._name(identity), self._state(button, now_ns))
-                for identity, button in self._buttons.items()
+                (self._name(identity), self._judged(identity, now_ns)[0])
+                for identity in self._buttons
             ]
             if self._unheard:
                 states += [
@@ -147,19 +147,9 @@ class StopButtons:
         with self._lock:
             if self._overrun:
                 return self._overrun
-            limit_s = self._timeout_ns / 1e9
-            for identity, button in self._buttons.items():
-                name, state = self._name(identity), self._state(button, now_ns)
-                if state is ButtonState.PRESSED:
-                    return f'emergency stop is pressed ({name})'
-                if state is ButtonState.SILENT and button.seen_ns is not None:
-                    age_s = (now_ns - button.seen_ns) / 1e9
-                    return (
-                        f'expected stop button {name} to say its state every {limit_s:g} s, '
-                        f'got silence for {age_s:.3g} s'
-                    )
-                if state is ButtonState.UNKNOWN:
-                    return f'expected stop button {name} to say its state, got nothing yet'
+            for identity in self._buttons:
+                if problem := self._judged(identity, now_ns)[1]:
+                    return problem
             if self._unheard:
                 return f'expected every stop button to speak, got {self._unheard} still unknown'
             if self._required and not self._buttons:
@@ -199,13 +189,20 @@ class StopButtons:
         # counted, not compared: some middlewares show another identity than they send
         self._unheard = max(0, len(self._names) - len(self._buttons))
 
-    def _state(self, button: _Button, now_ns: int) -> ButtonState:
+    def _judged(self, identity: bytes, now_ns: int) -> tuple[ButtonState, str]:
+        """Return the state of a button, and why it stands against a pulse, empty if not."""
+        button, name = self._buttons[identity], self._name(identity)
         if button.pressed:
-            return ButtonState.PRESSED
+            return ButtonState.PRESSED, f'emergency stop is pressed ({name})'
+        expected = f'expected stop button {name} to say its state'
         if button.seen_ns is None:
-            return ButtonState.UNKNOWN
-        silent = now_ns - button.seen_ns > self._timeout_ns
-        return ButtonState.SILENT if silent else ButtonState.RELEASED
+            return ButtonState.UNKNOWN, f'{expected}, got nothing yet'
+        silent_ns = now_ns - button.seen_ns
+        if silent_ns > self._timeout_ns:
+            limit_s, age_s = self._timeout_ns / 1e9, silent_ns / 1e9
+            silence = f'{expected} every {limit_s:g} s, got silence for {age_s:.3g} s'
+            return ButtonState.SILENT, silence
+        return ButtonState.RELEASED, ''
 
     def _name(self, identity: bytes) -> str:
         return self._names.get(identity, identity.hex())

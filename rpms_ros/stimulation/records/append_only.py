@@ -102,10 +102,7 @@ class Chain:
             found = self._record(line)
             if cut is not None and not _explains(found, cut):
                 raise self._fault(self.lines - 1, 'expected the next record of the chain')
-            if found is None and cut is None:
-                cut = line
-                continue
-            cut = None
+            cut = line if found is None else None
             if found is not None:
                 yield Record(self.lines, found)
         if cut is not None:

@@ -272,19 +272,14 @@ class MemoryLedger:
         if dose is None:
             return
         count, energy = self.totals()
-        if count + more > dose.pulses:
-            raise DoseExceeded(
-                'dose_pulses',
-                f'expected at most {dose.pulses} pulses in {dose.window_h:g} h, '
-                f'got {count + more}',
-            )
-        energy += energy_j
-        # relative rounding of a sum of many thousand pulses
-        if energy > dose.energy_j * (1.0 + 1e-9):
-            raise DoseExceeded(
-                'dose_energy_j',
-                f'expected at most {dose.energy_j:g} J in {dose.window_h:g} h, got {energy:.6g} J',
-            )
+        for limit, total, most, unit in (
+            ('dose_pulses', count + more, dose.pulses, 'pulses'),
+            # relative rounding of a sum of many thousand pulses
+            ('dose_energy_j', energy + energy_j, dose.energy_j * (1.0 + 1e-9), 'J'),
+        ):
+            if total > most:
+                fault = f'expected at most {most:.8g} {unit} in {dose.window_h:g} h'
+                raise DoseExceeded(limit, f'{fault}, got {total:.8g} {unit}')
 
     def reserve(self, pulses: Sequence[BookedPulse]) -> range:
         """Count pulses that are going to be fired; return a number for each.

@@ -32,7 +32,6 @@ from rpms_ros.stimulation.schedule.schedule import Pause, Repeat, Schedule, Segm
 from rpms_ros.stimulation.schedule.segments import (
     Constant,
     Doublet,
-    MultilevelPRBS,
     PulseBurst,
     Ramp,
     Single,
@@ -108,8 +107,7 @@ DEEPEST_REPEAT = 8
 SEGMENT_KINDS: dict[str, type[Segment]] = {
     kind.kind: kind
     for kind in (
-        Constant, Ramp, Staircase, Sinusoid, UniformRandom, MultilevelPRBS,
-        Single, Doublet, PulseBurst, Pause,
+        Constant, Ramp, Staircase, Sinusoid, UniformRandom, Single, Doublet, PulseBurst, Pause,
     )
 }  # fmt: skip
 

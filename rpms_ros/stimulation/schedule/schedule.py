@@ -216,8 +216,7 @@ class Schedule(_Row):
     def plan(self) -> Plan:
         """All pulses; the same for the same description and seed."""
         random, end_ns = np.random.default_rng(self.seed), 0
-        empty = np.empty(0, dtype=np.int64)
-        parts: list[tuple[IntArray, FloatArray, IntArray]] = [(empty, np.empty(0), empty)]
+        parts: list[tuple[IntArray, FloatArray, IntArray]] = []
         for owner, item in enumerate(self.segments):
             for piece in _unrolled(item):
                 onset_ns = piece.onsets_ns()
@@ -233,12 +232,7 @@ class Schedule(_Row):
     def pulses(self, start_ns: int = 0) -> PulseTrain:
         """Return the pulses of the schedule when it starts at ``start_ns`` [ns]."""
         plan = self.plan
-        return PulseTrain(
-            onset_ns=plan.onset_ns + start_ns,
-            intensity=plan.intensity.copy(),
-            sequence=np.arange(len(plan), dtype=np.int64),
-            width=np.full(len(plan), self.width_s),
-        )
+        return PulseTrain.numbered(plan.onset_ns + start_ns, plan.intensity, self.width_s)
 
 
 def _unrolled(item: Segment | Repeat) -> Iterator[Segment]:

@@ -3,18 +3,11 @@
 """Segments of repetitive pulses: one rate, constant or changing, and an intensity over time.
 
 Segments of few pulses: single, doublet, N-let.
-
-Pseudo-random multilevel sequence: few levels in an order whose spectrum is flat.
-
-A shift register of ``order`` cells over the integers modulo a prime q, fed back by a primitive
-polynomial, runs through all q**order - 1 states but zero before it repeats, so every level comes
-as often as the others (zero once less) and the sequence is uncorrelated with its own shifts.
 """
 
 import math
 from abc import abstractmethod
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
@@ -240,78 +233,3 @@ class Doublet(PulseBurst):
 
     kind: ClassVar[str] = 'doublet'
     count: int = bounded(Bound(2, 2, whole=True), 2)
-
-
-# Coefficients of a primitive polynomial for each number of levels and, in the order of their
-# number, of cells: to look for them takes seconds.
-FEEDBACK: dict[int, tuple[tuple[int, ...], ...]] = {
-    2: ((1,), (1, 1), (1, 0, 1), (1, 0, 0, 1)),
-    3: ((2,), (1, 1), (2, 0, 1), (1, 0, 0, 1)),
-    5: ((2,), (2, 2), (2, 0, 1), (2, 0, 2, 1)),
-    7: ((3,), (2, 2), (3, 0, 1), (2, 0, 1, 1)),
-}
-
-
-@lru_cache(maxsize=32)
-def maximal_sequence(symbols: int, order: int) -> tuple[int, ...]:
-    """Return one period of a maximal-length sequence.
-
-    Parameters
-    ----------
-    symbols : int
-        Number of levels q: 2, 3, 5 or 7.
-    order : int
-        Cells of the shift register, 1 to 4.
-
-    Returns
-    -------
-    tuple of int, length symbols**order - 1
-        Symbols 0 .. q-1.
-    """
-    feedback = FEEDBACK[symbols][order - 1]
-    state = (0,) * (order - 1) + (1,)
-    sequence = []
-    for _ in range(symbols**order - 1):
-        sequence.append(state[0])
-        new = sum(c * s for c, s in zip(feedback, state, strict=True)) % symbols
-        state = (*state[1:], new)
-    return tuple(sequence)
-
-
-@dataclass(frozen=True)
-class MultilevelPRBS(Between, Repetitive):
-    """A maximal-length sequence of ``level_count`` levels from ``low`` to ``high``.
-
-    Attributes
-    ----------
-    level_count : int
-        Number of levels: 2, 3, 5 or 7.
-    order : int
-        Cells of the shift register; the sequence repeats after level_count**order - 1 levels.
-    hold_pulses : int
-        Pulses given at a level before the next.
-    seed : int, optional
-        Where in its period the sequence begins; drawn from the schedule's seed if it is missing.
-    """
-
-    kind: ClassVar[str] = 'multilevel_prbs'
-    level_count: int = bounded(Bound(2, 7, whole=True), 5)
-    order: int = bounded(Bound(1, 4, whole=True), 3)
-    hold_pulses: int = bounded(Bound(1, 100_000, whole=True), 1)
-    seed: int | None = bounded(SEED, None)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.level_count not in FEEDBACK:
-            raise StimulationError(
-                f'expected a level_count of 2, 3, 5 or 7, got {self.level_count}'
-            )
-
-    def intensities(self, onset_s: FloatArray, random: np.random.Generator, /) -> FloatArray:
-        """Return the levels, each held, from a place in the period that the seed chooses."""
-        own = random if self.seed is None else np.random.default_rng(self.seed)
-        period = np.asarray(maximal_sequence(self.level_count, self.order), dtype=np.float64)
-        start = int(own.integers(len(period)))
-        step = start + np.arange(len(onset_s)) // self.hold_pulses
-        symbol = period[step % len(period)]
-        return self.low + (self.high - self.low) * (symbol / (self.level_count - 1))
