@@ -45,7 +45,6 @@ FAULTS = (
 )
 _SHARE = 0.1
 _HELD_STEPS = 3
-_TOPICS = ('pulses', 'force', 'estimate')
 
 
 class Counting:
@@ -271,7 +270,7 @@ class Laboratory:
         path = self.folder / f'session_{len(self.recordings)}'
         self.recordings.append(path)
         self.identifier = self.graph.add(CountingIdentifier, estimator=self.estimator)
-        self.recorder = self.graph.add(Recorder, path=str(path), topics=list(_TOPICS))
+        self.recorder = self.graph.add(Recorder, path=str(path))
         self.graph.wait_for(lambda: self.link._force.get_subscription_count() == 2)
         # A publisher that knows of a subscription is not yet known to it.
         for node in (self.identifier, self.recorder):

@@ -118,11 +118,6 @@ class RecorderParameters(NodeParameters):
         '',
         'Folder of the recording, which must not exist yet; empty: named by time and namespace.',
     )
-    topics: tuple[str, ...] = parameter(
-        tuple(_TOPICS),
-        'Topics to record; those without publisher stay empty.',
-        choices=tuple(_TOPICS),
-    )
 
 
 @dataclass
@@ -158,7 +153,7 @@ class Recorder(NodeOfParts):
         except RecordingError as error:
             raise NodeError(str(error)) from error
         self._closed = False
-        self.counts = dict.fromkeys(self.settings.topics, 0)
+        self.counts = dict.fromkeys(_TOPICS, 0)
         self._topics: dict[str, _Topic] = {}
         self._told: dict[str, int] = {}
         # an open recording is ended properly, whatever fails from here on

@@ -282,7 +282,7 @@ class StimulatorDriver(LifecycleNode):
             # rclpy calls on_error without a message
             self._reports.refuse(f'expected a transition without an error, got {error!r}')
             raise
-        self._reports.forget_refusal()
+        self._reports.refusal = ''
         return True
 
     def _answered(self, response: Any, act: Callable[[], str]) -> Any:

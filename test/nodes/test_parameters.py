@@ -214,7 +214,6 @@ def test_a_text_that_ros_reads_as_something_else_is_to_be_quoted(context, word):
         (Identifier, {'estimator': 'guess'}, 'estimator'),
         (PlantSimulator, {'rate': -1.0}, 'rate'),
         (PlantSimulator, {'scenario': 'x'}, 'expected a scenario of bad-sensor, .* got .x.'),
-        (Recorder, {'topics': ['force', 'note']}, "topics: expected .* pulses, .*, got 'note'"),
         (Recorder, {'path': '/proc/no/such'}, 'expected'),
         (LivePage, {'address': 'no such address'}, 'address'),
         (StimulatorDriver, {'maximum_intensity': 2.0}, 'maximum_intensity'),

@@ -92,9 +92,7 @@ def test_recorders_of_one_second_take_different_names(graph, tmp_path, monkeypat
 def test_a_topic_is_recorded_with_the_quality_of_its_publishers(graph, tmp_path):
     path = tmp_path / 'session'
     node = graph.node('source')
-    recorder = graph.add(
-        Recorder, path=str(path), topics=['pulses', 'pulses', 'driver_status', 'truth']
-    )
+    recorder = graph.add(Recorder, path=str(path))
     pulses = [node.create_publisher(PulseMessage, 'pulses', qos.PULSES) for _ in range(2)]
     states = node.create_publisher(DriverStatus, 'driver_status', qos.STATUS)
     states.publish(DriverStatus(reason='before anybody listens'))

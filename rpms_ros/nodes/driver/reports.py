@@ -214,7 +214,6 @@ class DriverAudit:
 
 
 _DIAGNOSTICS_PERIOD_NS = 1_000_000_000
-_REFUSED = 'refused: '
 # how long a refusal is shown in the status, and a pulse that was dropped in the diagnostics
 _SHOWN_NS = 10_000_000_000
 # a heartbeat that is refused comes fifty times a second
@@ -234,6 +233,11 @@ class DriverReports:
         What a status is made of.
     device : str
         Kind of device, and its port; in diagnostics a simulated one is known by its node.
+
+    Attributes
+    ----------
+    refusal : str
+        Reason of the newest refusal, empty when it is no longer shown.
     """
 
     def __init__(
@@ -256,14 +260,9 @@ class DriverReports:
         self._diagnostics = DiagnosticsPublisher(node, 'stimulator', hardware)
         # pulses so far, and when the newest was
         self._dropped, self._dropped_ns = 0, -_SHOWN_NS
-        self._note, self._noted_ns = '', 0
+        self.refusal, self._refused_ns = '', 0
         self._next_diagnostics_ns = 0
         self._said: tuple[Any, ...] = ()
-
-    @property
-    def refusal(self) -> str:
-        """Reason of the newest refusal, empty when it is no longer shown."""
-        return self._note.removeprefix(_REFUSED)
 
     def say(self, line: str) -> None:
         """Write a line into the log of ROS."""
@@ -272,10 +271,10 @@ class DriverReports:
     def refuse(self, reason: str) -> None:
         """Tell why something was refused; what is repeated at once is shown and not logged."""
         said, now_ns = plain_text(reason), time.monotonic_ns()
-        repeated = self._note == _REFUSED + said and now_ns - self._noted_ns < _REPEATED_NS
-        self._note, self._noted_ns = _REFUSED + said, now_ns
+        repeated = self.refusal == said and now_ns - self._refused_ns < _REPEATED_NS
+        self.refusal, self._refused_ns = said, now_ns
         if not repeated:
-            logger_of(self._node).warning(self._note)
+            logger_of(self._node).warning(f'refused: {said}')
             self._audit.note('refusal', reason=said)
 
     def announce(self, schedule: Schedule, operator: str) -> None:
@@ -299,10 +298,6 @@ class DriverReports:
         self._accepted.publish(message)
         self.say(f'running {name}, {counted(pulses, "pulse")}')
 
-    def forget_refusal(self) -> None:
-        """Show no refusal any more."""
-        self._note = ''
-
     def publish(self, stamp: Any, now_ns: int) -> None:
         """Publish the status, and diagnostics once a second and when something changed.
 
@@ -313,30 +308,32 @@ class DriverReports:
         now_ns : int
             The same moment on the monotonic clock [ns].
         """
-        if self._note and now_ns - self._noted_ns > _SHOWN_NS:
-            self._note = ''
-        said = (*self._controller.status(), self._note)
+        if now_ns - self._refused_ns > _SHOWN_NS:
+            self.refusal = ''
+        state, latched, reason = self._controller.status()
+        note = f'; refused: {self.refusal}' if self.refusal else ''
+        said = state, latched, reason + note
         before, self._said = self._said, said
-        if said[0] is State.FAULT and before[:1] != said[:1]:
-            logger_of(self._node).error(f'fault: {plain_text(said[2])}')
-        status = self._status_message(stamp, now_ns)
+        if state is State.FAULT and before[:1] != said[:1]:
+            logger_of(self._node).error(f'fault: {plain_text(reason)}')
+        status = self._status_message(stamp, now_ns, *said)
         self._status.publish(status)
         if said != before or now_ns >= self._next_diagnostics_ns:
             self._next_diagnostics_ns = now_ns + _DIAGNOSTICS_PERIOD_NS
             if self._dropped != self._controller.dropped:
                 self._dropped, self._dropped_ns = self._controller.dropped, now_ns
-            state, latched, _, note = said
             doubtful = latched or bool(note) or now_ns - self._dropped_ns < _SHOWN_NS
             self._diagnostics.publish(driver_health(status, state, doubtful))
 
-    def _status_message(self, stamp: Any, now_ns: int) -> DriverStatus:
-        controller, note = self._controller, self._note
-        state, latched, reason = controller.status()
+    def _status_message(
+        self, stamp: Any, now_ns: int, state: State, latched: bool, reason: str
+    ) -> DriverStatus:
+        controller = self._controller
         faults, totals = controller.fault_counts(), controller.ledger.totals()
         states = self._buttons.states(now_ns)
         message = DriverStatus(
             state=DriverStatus.STOPPED if latched else int(state.value),
-            reason=plain_text(f'{reason}; {note}' if note else reason),
+            reason=plain_text(reason),
             pulses_commanded=int(controller.commanded),
             pulses_delivered=int(controller.delivered),
             pulses_dropped=int(controller.dropped),

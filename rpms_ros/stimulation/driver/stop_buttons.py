@@ -235,9 +235,8 @@ class HeldKey:
 
     def held(self, now_ns: int) -> bool:
         """Return whether it is held."""
-        if not self._repeated or self._last_ns is None:
-            return False
-        return now_ns - self._last_ns <= self._repeat_ns
+        last_ns = self._last_ns
+        return self._repeated and last_ns is not None and now_ns - last_ns <= self._repeat_ns
 
 
 class JoystickButton:

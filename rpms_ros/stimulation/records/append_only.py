@@ -356,8 +356,7 @@ def _locked(path: Path) -> int:
     raise StimulationError(f'expected {path} to write and lock, got {fault}')
 
 
-@dataclass(frozen=True)
-class Audit:
+class Audit(NamedTuple):
     """Records of a file, and what is wrong with them.
 
     Attributes
