@@ -22,13 +22,7 @@ from rpms_ros.stimulation.schedule.description import (
     segment_from_mapping,
     segment_to_mapping,
 )
-from rpms_ros.stimulation.schedule.fields import (
-    LONGEST_NAME,
-    DescriptionError,
-    bounded_names,
-    build,
-    read_text,
-)
+from rpms_ros.stimulation.schedule.fields import DescriptionError, bounded_names, build
 from rpms_ros.stimulation.schedule.schedule import Repeat, Schedule, Segment
 from rpms_ros.strict_yaml import MOST_NODES
 
@@ -67,12 +61,11 @@ def schedule_of(message: Any) -> Schedule:
     size = sum(1 + 2 * len(entry) + len(entry.get('levels', ())) for entry in entries)
     if size > MOST_NODES:
         raise DescriptionError('segments', f'expected at most {MOST_NODES} values, got {size}')
-    values = {'name': message.name or 'schedule', 'seed': message.seed}
+    values = {'seed': message.seed}
     if message.width_s:
         values['width_s'] = message.width_s
-    name = read_text(values, 'name', '', LONGEST_NAME)
     items = _items(entries, 0, len(entries), 0)
-    return build(Schedule, values, '', items, name=name)
+    return build(Schedule, values, '', items, name=message.name or 'schedule')
 
 
 def schedule_message(schedule: Schedule, types: MessageTypes) -> Any:

@@ -12,7 +12,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -146,7 +146,7 @@ class SimulationLauncher:
             stack.callback(lambda: self._end(*self.processes))
             for name in (name for name in self._parameters if name != DRIVER):
                 self._start(name, domain)
-            stack.enter_context(self._listening(domain))
+            self._listen(domain, stack)
             self._domain = domain
             self._stop_request.raise_if_made()
             self._stop_request.heed_between_callbacks()
@@ -179,31 +179,27 @@ class SimulationLauncher:
                 start_new_session=True,
             )
 
-    @contextlib.contextmanager
-    def _listening(self, domain: int) -> Iterator[None]:
-        """Recorder and monitor in a private context of this process."""
+    def _listen(self, domain: int, stack: contextlib.ExitStack) -> None:
+        """Have recorder and monitor in a private context of this process, until the stack ends."""
         os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
         use_fast_discovery()
         context = Context()
         without = SignalHandlerOptions.NO
         rclpy.init(args=[], context=context, domain_id=domain, signal_handler_options=without)
+        stack.callback(context.try_shutdown)
+        self._executor = EventsExecutor(context=context)
+        stack.callback(self._executor.shutdown)
         options: dict[str, Any] = {'context': context, 'use_global_arguments': False}
+        self.monitor = Monitor(**options)
+        stack.callback(self.monitor.destroy_node)
         # the command prints where the recording is
         set_logger_level('recorder', LoggingSeverity.WARN)
+        stack.callback(set_logger_level, 'recorder', LoggingSeverity.UNSET)
         path = Parameter('path', value=str(self.folder / RECORDING))
         self.recorder = Recorder(parameter_overrides=[path], **options)
-        self.monitor = Monitor(**options)
-        self._executor = EventsExecutor(context=context)
+        stack.callback(self.recorder.destroy_node)
         for node in (self.recorder, self.monitor):
             self._executor.add_node(node)
-        try:
-            yield
-        finally:
-            self.recorder.destroy_node()
-            set_logger_level('recorder', LoggingSeverity.UNSET)
-            self.monitor.destroy_node()  # type: ignore[no-untyped-call]
-            self._executor.shutdown()
-            context.try_shutdown()
 
     def step(self, duration: float) -> None:
         """Process messages for `duration` seconds.

@@ -126,15 +126,12 @@ class StimulatorDriver(LifecycleNode):
         self.controller.on_fired = self._pulses.publish
         who = self.controller, self.buttons, self.authority
         self._reports = DriverReports(self, self._audit, *who, device)
-        refuse = self._reports.refuse
         self.create_service(RequestArming, topics.REQUEST_ARMING, self._on_request)
         self.create_service(ConfirmArming, topics.CONFIRM_ARMING, self._on_confirm)
-        asked = settings.require_operator
-        self._action = ScheduleAction(
-            self, self.controller, self.authority, asked, self._reports.announce, refuse
-        )
+        asked, patience = settings.require_operator, patience_s(settings, WATCH_TIMEOUT_S)
+        self._action = ScheduleAction(self, self.controller, self.authority, asked, self._reports)
         self._parts.callback(self._action.destroy)
-        self._watch = DriverWatch(self, *who, patience_s(settings, WATCH_TIMEOUT_S), refuse)
+        self._watch = DriverWatch(self, *who, patience, self._reports.refuse)
         self._parts.callback(self._watch.close)
         self._sensor = SensorLife(settings.force_frame, settings.force_timeout)
         if settings.force_limit > 0:

@@ -23,7 +23,7 @@ import dataclasses
 import difflib
 import math
 from dataclasses import dataclass
-from typing import Any, TypeVar, get_type_hints
+from typing import Any, TypeVar
 
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
@@ -35,15 +35,6 @@ from rpms_ros.nodes.common.diagnostics import logger_of
 # Share of letters in common: names of parameters of different nodes have less.
 _ALIKE = 0.85
 _METADATA = 'parameter'
-
-_TYPES = {
-    bool: Parameter.Type.BOOL,
-    int: Parameter.Type.INTEGER,
-    float: Parameter.Type.DOUBLE,
-    str: Parameter.Type.STRING,
-    tuple[float, ...]: Parameter.Type.DOUBLE_ARRAY,
-    tuple[str, ...]: Parameter.Type.STRING_ARRAY,
-}
 
 
 @dataclass(frozen=True)
@@ -116,8 +107,11 @@ def descriptions(settings: type[NodeParameters]) -> dict[str, Description]:
 
 
 def type_of(settings: type[NodeParameters], name: str) -> Parameter.Type:
-    """Return the ROS type of a parameter."""
-    return _TYPES[get_type_hints(settings)[name]]
+    """Return the ROS type of a parameter: that of its default; a list without one is of texts."""
+    default = getattr(settings, name)
+    plain = (list(default) or ['']) if isinstance(default, tuple) else default
+    found: Parameter.Type = Parameter.Type.from_parameter_value(plain)
+    return found
 
 
 def _require(name: str, value: Any, expected: Parameter.Type, description: Description) -> None:

@@ -19,8 +19,8 @@ from rpms_msgs.action import RunSchedule
 from rpms_ros.errors import RpmsError, StimulationError
 from rpms_ros.nodes.common import topics
 from rpms_ros.nodes.common.diagnostics import plain_text
+from rpms_ros.nodes.driver.reports import DriverReports
 from rpms_ros.schedule_messages import schedule_of
-from rpms_ros.stimulation import Schedule
 from rpms_ros.stimulation.driver.authority import AUTHORITY, Authority
 from rpms_ros.stimulation.driver.controller import StimulationController
 from rpms_ros.stimulation.driver.states import Run, State
@@ -111,11 +111,8 @@ class ScheduleAction:
         Knows who may start a schedule.
     required : bool
         Whether an operator is asked for; if not, anybody may start one while there is none.
-    started : callable
-        Told of schedule and operator before the first pulse; raises StimulationError to prevent
-        it.
-    refused : callable
-        Told why a goal was refused.
+    reports : DriverReports
+        Announces a schedule before its first pulse, or prevents it; told why a goal was refused.
     """
 
     def __init__(
@@ -124,11 +121,10 @@ class ScheduleAction:
         controller: StimulationController,
         authority: Authority,
         required: bool,
-        started: Callable[[Schedule, str], None],
-        refused: Callable[[str], None],
+        reports: DriverReports,
     ) -> None:
         self._controller, self._authority, self._required = controller, authority, required
-        self._started, self._refused = started, refused
+        self._reports = reports
         self._goal: ServerGoalHandle | None = None
         self._run: Run | None = None
         self._destroyed = False
@@ -192,11 +188,11 @@ class ScheduleAction:
             known = isinstance(error, StimulationError)
             raise GoalRefused(CODES.BAD_SCHEDULE, str(error) if known else said) from error
         operator = request.operator_id
-        return self._controller.start(schedule, lambda: self._started(schedule, operator))
+        return self._controller.start(schedule, lambda: self._reports.announce(schedule, operator))
 
     def _refuse(self, goal: ServerGoalHandle, code: int, reason: str) -> None:
         said = plain_text(reason)
-        self._refused(said)
+        self._reports.refuse(said)
         result = RunSchedule.Result(error_code=code, reason=said)
         self._server.conclude(goal, ServerGoalHandle.abort, result)
 

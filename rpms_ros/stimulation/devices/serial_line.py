@@ -108,8 +108,6 @@ _START_S = 10.0
 # The guard waits for the end of noise, at most 0.5 s, and disarms, at most 0.5 s.
 _LISTEN_S = 2.0
 _LEAVE_S = 2.0
-# Beats that are this close together say nothing more.
-_BEAT_INTERVAL_NS = 20_000_000
 
 
 class GuardedLine:
@@ -131,7 +129,6 @@ class GuardedLine:
         self._line: Descriptor | None = None
         self._socket: Descriptor | None = None
         self._sequence = 0
-        self._beat_ns = 0
         # the oldest beat that was not answered
         self._unheard_ns: int | None = None
 
@@ -153,7 +150,7 @@ class GuardedLine:
         except DeviceError:
             self.close()
             raise
-        self._beat_ns, self._unheard_ns = 0, None
+        self._unheard_ns = None
 
     def exchange(
         self, command: bytes, length: int, latest_ns: int = packets.FOREVER_NS
@@ -194,13 +191,9 @@ class GuardedLine:
         """
         if self._socket is None:
             return
-        now = time.monotonic_ns()
-        if now - self._beat_ns < _BEAT_INTERVAL_NS:
-            return
-        self._beat_ns = now
         self._send(packets.BEAT)
         if self._unheard_ns is None:
-            self._unheard_ns = now
+            self._unheard_ns = time.monotonic_ns()
         while (packet := self._received(0.0)) is not None:
             self._note(packet)
         limit_s = self.limits.beat_limit_s

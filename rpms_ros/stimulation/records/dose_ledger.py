@@ -92,7 +92,11 @@ class LedgerReader:
         content = record.content
         try:
             if content['kind'] == BEGIN:
-                self._check_owner(content)
+                if (content['owner'], content['name']) != (self.owner, self.name):
+                    raise LedgerError(
+                        f'expected the ledger of {self.owner} {self.name!r}, '
+                        f'got that of {content["owner"]} {content["name"]!r}'
+                    )
             elif content['kind'] == RESERVE:
                 self._reserve(content)
             elif content['kind'] == SETTLE:
@@ -103,13 +107,6 @@ class LedgerReader:
             raise LedgerError(
                 f'line {record.line}: expected a record of a ledger, got {fault!r}'
             ) from fault
-
-    def _check_owner(self, content: Mapping[str, Any]) -> None:
-        if (content['owner'], content['name']) != (self.owner, self.name):
-            raise LedgerError(
-                f'expected the ledger of {self.owner} {self.name!r}, '
-                f'got that of {content["owner"]} {content["name"]!r}'
-            )
 
     def _reserve(self, content: Mapping[str, Any]) -> None:
         key = content['batch']
@@ -134,30 +131,6 @@ class LedgerReader:
             if age < self.horizon_ns:
                 found[index] = BookedPulse(-age, float(intensity), float(energy_j))
         return found
-
-
-def agreed(device: LedgerReader, patient: LedgerReader) -> Batch | None:
-    """Return the reservation that the patient's ledger lacks, if any.
-
-    A reservation is written into the device's ledger first, so a process that was killed in
-    between leaves the patient's one short.
-
-    Raises
-    ------
-    LedgerError
-        If one of them has lost records that the other has.
-    """
-    given, got = device.shared, patient.shared
-    if given == got:
-        return None
-    if given[:-1] == got:
-        old = {'batch': given[-1], 'device': device.name, 'patient': patient.name, 'pulses': []}
-        return device.batches.get(given[-1], Batch(old, {}))
-    # `require_all` has counted them
-    raise LedgerError(
-        f'expected the same reservations in the ledgers of device {device.name!r} and patient '
-        f'{patient.name!r}, got others: records are missing'
-    )
 
 
 def require_all(reader: LedgerReader, others: Iterable[Path]) -> None:
@@ -502,11 +475,22 @@ class DoseLedger(MemoryLedger):
             raise LedgerError(str(fault)) from fault
 
     def _agree(self, device: LedgerReader, patient: LedgerReader) -> tuple[BookedPulse, ...]:
-        """Return the past of both ledgers, with what a crash left out added."""
-        lost = agreed(device, patient)
-        if lost is not None:
-            content = {name: lost.content[name] for name in _COPIED if name in lost.content}
-            self._files[1].append(RESERVE, content)
+        """Return the past of both ledgers, with what a crash left out added.
+
+        A reservation is written into the device's ledger first, so a process that was killed in
+        between leaves the patient's one short; `require_all` has counted them.
+        """
+        given, got = device.shared, patient.shared
+        if given != got and given[:-1] != got:
+            raise LedgerError(
+                f'expected the same reservations in the ledgers of device {device.name!r} and '
+                f'patient {patient.name!r}, got others: records are missing'
+            )
+        if given != got:
+            parties = {'device': device.name, 'patient': patient.name}
+            old = Batch({'batch': given[-1], **parties, 'pulses': []}, {})
+            lost = device.batches.get(given[-1], old).content
+            self._files[1].append(RESERVE, {name: lost[name] for name in _COPIED if name in lost})
         cut = [*readable(self._files[0].torn, device), *readable(self._files[1].torn, device)]
         if cut:
             now = self._clocks.monotonic_ns()
@@ -532,14 +516,12 @@ def _past(
 ) -> tuple[BookedPulse, ...]:
     """Return all pulses, oldest first, with their (negative) age in place of a time."""
     found = list(cut)
-    for reader in (device, patient):
-        for batch in reader.batches.values():
-            on_device = batch.content['device'] == device.name
-            if reader is patient and on_device:
-                continue
-            on_patient = batch.content['patient'] == patient.name
-            found.extend(
-                pulse._replace(on_device=on_device, on_patient=on_patient)
-                for pulse in batch.pulses.values()
-            )
+    # what stands in both ledgers counts once
+    for batch in {**patient.batches, **device.batches}.values():
+        on_device = batch.content['device'] == device.name
+        on_patient = batch.content['patient'] == patient.name
+        found.extend(
+            pulse._replace(on_device=on_device, on_patient=on_patient)
+            for pulse in batch.pulses.values()
+        )
     return tuple(sorted(found, key=lambda pulse: pulse.time_ns))

@@ -20,14 +20,7 @@ from typing import Any, TypeVar
 import yaml
 
 from rpms_ros.errors import StimulationError
-from rpms_ros.stimulation.schedule.fields import (
-    LONGEST_NAME,
-    DescriptionError,
-    as_mapping,
-    bounded_names,
-    build,
-    read_text,
-)
+from rpms_ros.stimulation.schedule.fields import DescriptionError, as_mapping, bounded_names, build
 from rpms_ros.stimulation.schedule.schedule import Pause, Repeat, Schedule, Segment
 from rpms_ros.stimulation.schedule.segments import (
     Constant,
@@ -126,7 +119,7 @@ def schedule_from_mapping(content: object) -> Schedule:
         If something is missing, unknown or out of its bound; names the place.
     """
     document = as_mapping(content, '')
-    name = read_text({'name': 'schedule', **document}, 'name', '', LONGEST_NAME)
+    name = document.get('name', 'schedule')
     segments = _segments(document.get('segments'), 'segments', 0)
     return build(Schedule, document, '', segments, also=('segments',), name=name)
 

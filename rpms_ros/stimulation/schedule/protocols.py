@@ -38,7 +38,6 @@ def paper_random(
 def paper_sinusoid(
     duration_s: float = PAPER_DURATION_S,
     rate_hz: float = PAPER_RATE_HZ,
-    period_s: float = 9.0,
     catch_share: float | None = None,
     seed: int = 0,
 ) -> Schedule:
@@ -46,7 +45,7 @@ def paper_sinusoid(
 
     The paper has no catch pulses among it; see `Gradual`.
     """
-    segment = Sinusoid(rate_hz, duration_s, period_s=period_s, catch_share=catch_share)
+    segment = Sinusoid(rate_hz, duration_s, catch_share=catch_share)
     return Schedule((segment,), name=Sinusoid.kind, seed=seed)
 
 
@@ -109,10 +108,7 @@ def twitches(
 
 
 def trains(
-    rates_hz: tuple[float, ...] = TRAIN_RATES_HZ,
-    duration_s: float = 1.5,
-    rest_s: float = 3.0,
-    intensity: float = 1.0,
+    rates_hz: tuple[float, ...] = TRAIN_RATES_HZ, duration_s: float = 1.5, rest_s: float = 3.0
 ) -> Schedule:
     """Return trains at several rates, single pulses and doublets before them as a reference.
 
@@ -124,14 +120,12 @@ def trains(
         Length of each train [s].
     rest_s : float
         Silence after each [s].
-    intensity : float
-        Share of the maximum.
     """
-    single = Repeat((Single(intensity, rest_s),), 3)
-    bursts = tuple(PulseBurst(intensity, count, 0.02, rest_s) for count in (2, 4))
+    single = Repeat((Single(1.0, rest_s),), 3)
+    bursts = tuple(PulseBurst(1.0, count, 0.02, rest_s) for count in (2, 4))
     given: list[Segment] = []
     for rate in rates_hz:
-        given += [Constant(rate, duration_s, intensity=intensity), Pause(rest_s)]
+        given += [Constant(rate, duration_s), Pause(rest_s)]
     return Schedule((REST, single, *bursts, *given), name='trains')
 
 

@@ -28,14 +28,7 @@ from rpms_ros.pulses import (
     PulseTrain,
     nanoseconds,
 )
-from rpms_ros.stimulation.schedule.fields import (
-    LONGEST_NAME,
-    Bound,
-    Bounded,
-    DescriptionError,
-    bounded,
-)
-from rpms_ros.strict_yaml import shown
+from rpms_ros.stimulation.schedule.fields import LONGEST_NAME, Bound, Bounded, bounded, read_text
 
 # One pulse in 1000 s; bounded below so that no onset leaves the range of an integer.
 LOWEST_RATE_HZ = 1e-3
@@ -196,12 +189,8 @@ class Schedule(_Row):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.name.isprintable() or not 0 < len(self.name) <= LONGEST_NAME:
-            raise DescriptionError(
-                'name',
-                f'expected a text of 1 to {LONGEST_NAME} printable characters, '
-                f'got {shown(self.name)}',
-            )
+        name = read_text({'name': self.name}, 'name', '', LONGEST_NAME)
+        object.__setattr__(self, 'name', name)
         if not self.segments:
             raise StimulationError('expected at least one segment, got none')
         for what, value, most in (
