@@ -61,11 +61,6 @@ class DeviceSpecification:
     serial_number: str = ''
 
 
-def profile_names() -> list[str]:
-    """Return the names of the device specifications that come with the package."""
-    return sorted(path.stem for path in _FOLDER.glob('*.yaml'))
-
-
 def load_device_specification(name: str) -> DeviceSpecification:
     """Return a device specification by its name, or from a YAML file of one's own.
 
@@ -74,10 +69,11 @@ def load_device_specification(name: str) -> DeviceSpecification:
     StimulationError
         If there is none of that name, or the file holds a fault; names the place.
     """
-    path = _FOLDER / f'{name}.yaml' if name in profile_names() else Path(name).expanduser()
+    known = sorted(path.stem for path in _FOLDER.glob('*.yaml'))
+    path = _FOLDER / f'{name}.yaml' if name in known else Path(name).expanduser()
     if path.suffix != '.yaml' or not path.is_file():
-        known = ', '.join(profile_names())
-        raise StimulationError(f'expected a device of {known} or a YAML file, got {name!r}')
+        fault = f'expected a device of {", ".join(known)} or a YAML file, got {name!r}'
+        raise StimulationError(fault)
     return from_file(path, 'device specification', _read)
 
 
