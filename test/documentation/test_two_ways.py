@@ -155,8 +155,8 @@ def test_a_pulse(graph, tracing, instrument, monkeypatch, tmp_path):
     monkeypatch.setattr('rpms_ros.stimulation.devices.simulated.build', build)
     tracer = tracing(
         'nodes/driver/goals:_on_accepted',
-        'stimulation/driver/controller:_fire',
-        'stimulation/driver/controller:_reserve',
+        'stimulation/driver/controller:step',
+        'stimulation/driver/controller:reserve',
     )
     graph.add(
         StimulatorDriver,
