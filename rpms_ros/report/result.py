@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The result of an identification as one object: what ``rpms identify --json`` prints.
 
-Its dataclasses are also what the report of a session, the row of a study and `rpms_ros.api` show.
+Its dataclasses are also what the report of a session and `rpms_ros.api` show.
 """
 
 from collections.abc import Callable, Sequence

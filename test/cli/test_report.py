@@ -153,6 +153,3 @@ def test_every_command_that_reads_keeps_to_its_memory(rpms, short_session, tmp_p
         assert (code, out) == (2, ''), command
         assert refused in err
         assert err.count('\n') == 1
-    code, _, err = rpms('study', short_session, '--out', tmp_path / 'study', '--jobs', 1, *bound)
-    assert code == 1
-    assert refused in err
