@@ -42,8 +42,6 @@ def add_report(subparsers: Subparsers) -> None:
     parser.add_argument('--json', action='store_true', help=text)
     text = 'headline; the note "muscle" or the name of the recording if not given'
     add_option(parser, '--title TEXT', None, text)
-    text = 'share of the time at the end that is predicted, not learnt from'
-    add_option(parser, '--held-out SHARE', 0.2, text)
     add_reading_options(parser)
     add_estimator_options(parser)
     add_verdict_option(parser)
@@ -54,14 +52,14 @@ def run(arguments: argparse.Namespace) -> int:
     """Write the report; return the exit code of the verdict.
 
     Identifies a recording as `rpms identify` does and writes one self-contained page: recruitment,
-    impulse response, time courses, force with zoom, residual analysis, held-out fit, faults,
-    schedule and energy, session facts.
+    impulse response, time courses, force, residual analysis, faults, schedule and energy,
+    session facts.
 
     Examples
     --------
       rpms report bags/sample --out report.html
       rpms report session --files figures            PNG, SVG and JSON files beside the page
-      rpms report session --json | jq .held_out      one JSON object on stdout
+      rpms report session --json | jq .headline      one JSON object on stdout
     """
     from rpms_ros.report.figures import write_figures
     from rpms_ros.report.page import as_page
@@ -98,9 +96,8 @@ def _report(arguments: argparse.Namespace) -> 'SessionReport':
     title = arguments.title or noted or arguments.bag.resolve().name
     command = shlex.join(['rpms', *sys.argv[1:]]) if sys.argv[1:2] == ['report'] else ''
     compile_estimator(options.build, arguments.quiet)
-    count = 2 * len(recording.forces)
+    count = len(recording.forces)
     with progress('identifying', count, 'samples', arguments.quiet) as advance:
         session = identified(recording, options, advance)
-        result = result_of(recording, session, arguments.expected_force)
-        found = (recording, messages, session, result, options.build())
-        return report_of(title, *found, arguments.held_out, command, advance)
+    result = result_of(recording, session, arguments.expected_force)
+    return report_of(title, recording, messages, session, result, command)

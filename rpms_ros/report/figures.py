@@ -36,7 +36,7 @@ from rpms_ros.report.analysis_figures import draw_trains, save_figure
 from rpms_ros.report.course import Course, TimeCourse, course_of
 from rpms_ros.report.dose import Dose, dose_of
 from rpms_ros.report.known_muscle import KnownMuscle
-from rpms_ros.report.residuals import HeldOutFit, ResidualAnalysis
+from rpms_ros.report.residuals import ResidualAnalysis
 from rpms_ros.report.result import impulse_response
 from rpms_ros.report.session import SessionReport
 
@@ -146,29 +146,12 @@ def draw_worst(axes: list[Axes], session: IdentifiedSession) -> None:
 
 
 def _force_of(axes: list[Axes], session: IdentifiedSession, kept: BoolArray, where: str) -> None:
-    unit, time = session.last.unit, _elapsed(session.stamp_ns, session)[kept]
-    axes[0].set_title(f'{QUANTITIES[unit].capitalize()}, {where}')
-    _force_and_residual(axes, time, session.force[kept], session.shown_prediction[kept], unit)
-
-
-def draw_held_out(axes: list[Axes], session: IdentifiedSession, fit: HeldOutFit | None) -> None:
-    """Draw measured and modelled force over the part that was held out."""
-    if fit is None:
-        note(axes[0], 'nothing could be held out')
-        return
-    time = _elapsed(fit.stamp_ns, session)
-    kept = time <= time[0] + _SHOWN
-    shown = float(time[kept][-1] - time[0])
-    axes[0].set_title(f'Held out: the first {shown:.3g} s after learning stopped')
-    _force_and_residual(axes, time[kept], fit.force[kept], fit.prediction[kept], session.last.unit)
-
-
-def _force_and_residual(
-    axes: list[Axes], time: FloatArray, force: FloatArray, prediction: FloatArray, unit: str
-) -> None:
-    upper, lower = axes
-    step = max(1, len(time) // _MOST_POINTS)
-    time, force, prediction = time[::step], force[::step], prediction[::step]
+    (upper, lower), unit = axes, session.last.unit
+    chosen = np.flatnonzero(kept)
+    chosen = chosen[:: max(1, len(chosen) // _MOST_POINTS)]
+    time = _elapsed(session.stamp_ns, session)[chosen]
+    force, prediction = session.force[chosen], session.shown_prediction[chosen]
+    upper.set_title(f'{QUANTITIES[unit].capitalize()}, {where}')
     upper.plot(time, force, color=MEASURED, lw=3.0, label='measured')
     upper.plot(time, prediction, color=MODELLED, lw=0.9, label='modelled, predicted')
     upper.set_ylabel(quantity(unit))
@@ -377,12 +360,11 @@ FIGURES: dict[str, tuple[Callable[..., None], tuple[str, ...], float, int]] = {
     'force': (draw_force, ('identified', 'schedule'), 4.4, 2),
     'worst': (draw_worst, ('identified',), 4.4, 2),
     'residuals': (draw_residuals, ('residuals',), 4.4, 2),
-    'held_out': (draw_held_out, ('identified', 'held_out'), 4.4, 2),
     'schedule': (draw_schedule, ('schedule',), 4.4, 2),
 }
 """What draws each figure, from what of a report, its height [inch] and its panels, by name."""
 
-OF_THE_ESTIMATOR = ('parameters', 'worst', 'residuals', 'held_out')
+OF_THE_ESTIMATOR = ('parameters', 'worst', 'residuals')
 """Those that have no meaning where trains stand for the estimate."""
 
 _STYLE: dict[Any, Any] = {

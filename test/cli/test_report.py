@@ -48,15 +48,12 @@ def test_the_title_is_the_muscle_that_the_notes_name(as_json, short_session, tmp
 
 def test_what_is_stated_goes_into_the_page(rpms, short_session, tmp_path):
     page = tmp_path / 'report.html'
-    code, out, err = rpms(
-        'report', short_session, '--out', page, '--title', 'Leg 7', '--held-out', '0.5'
-    )
+    code, out, err = rpms('report', short_session, '--out', page, '--title', 'Leg 7')
     assert (code, err) == (0, '')
     assert out.startswith('verdict good: the identified muscle explains')
     assert f'\n{page}: ' in out
     document = embedded(page.read_text())
     assert document['title'] == 'Leg 7'
-    assert document['held_out']['held_out_s'] == pytest.approx(5.0, abs=2e-3)
 
 
 TEXT = 'name: warm-up\nsegments: [{kind: single}]\n'
