@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rpms_ros.api.session import Session, as_html
+from rpms_ros.api.session import Session
 from rpms_ros.errors import ReportError
 from rpms_ros.identification import IdentifiedSession
 from rpms_ros.identification.quality.explained_force import Stated
@@ -208,9 +208,6 @@ class Identification:
 
     def __str__(self) -> str:
         return f'{self.session.name}\n{labelled(result_rows(self.result))}'
-
-    def _repr_html_(self) -> str:
-        return as_html(self.session.name, result_rows(self.result))
 
     @property
     def faults(self) -> dict[str, int]:

@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
       rpms simulate --out session --schedule muscle.yaml --subject rpms --noise 0.04 --artifact 4
       rpms analyze session
       rpms analyze session --out results            result.json and figures
-      rpms analyze session --json | jq .twitches.order.order
+      rpms analyze session --json | jq .twitches.choice.order
       rpms analyze magnetic electrical              two recordings, one after the other
       rpms analyze --together trial_1 trial_2       parts of one session, analysed as one
     """

@@ -3,10 +3,10 @@
 """`rpms audit`: whether an audit log or a dose ledger is whole, and what it says."""
 
 import argparse
+import json
 from collections import Counter
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rpms_ros.cli.options import Subparsers, add_command, add_option
 from rpms_ros.printable import printable
@@ -91,24 +91,11 @@ def _line(record: 'Record') -> str:
     content = record.content
     fields = {name: value for name, value in content.items() if name not in _STAMPS}
     time = str(content['time'])[:19].replace('T', ' ')
-    said = _fields(fields)
+    # what is no plain letter is escaped
+    said = json.dumps(fields)
     if content['kind'] == 'session':
         return f'session at {time} UTC: {said}'
     return f'  {time[11:]}  {printable(str(content["kind"])):<12} {said}'
-
-
-def _fields(fields: Mapping[str, Any]) -> str:
-    return ', '.join(f'{printable(name)} {_value(value)}' for name, value in fields.items())
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, Mapping):
-        return f'({_fields(value)})'
-    if isinstance(value, list):
-        return f'[{", ".join(_value(item) for item in value)}]'
-    if isinstance(value, float):
-        return f'{value:g}'
-    return printable(str(value))
 
 
 def _ledger(records: 'tuple[Record, ...]') -> list[str]:

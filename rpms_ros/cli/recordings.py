@@ -4,13 +4,10 @@
 
 import argparse
 import json
-import sys
 import textwrap
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from rpms_ros.cli.files import add_signal_options
 from rpms_ros.cli.options import (
     Subparsers,
     add_bag,
@@ -20,7 +17,6 @@ from rpms_ros.cli.options import (
     add_option,
     add_topic_options,
     progress,
-    read,
     topics_of,
 )
 from rpms_ros.printable import printable
@@ -29,10 +25,7 @@ from rpms_ros.report.text import noted, table
 from rpms_ros.schema import plain
 
 if TYPE_CHECKING:
-    from rpms_ros.recording import Recording, RecordingFacts
-
-
-_FACTS = ('custom', 'schedules', 'faults', 'remarks')
+    from rpms_ros.recording import RecordingFacts
 
 
 def add_info(subparsers: Subparsers) -> None:
@@ -42,15 +35,13 @@ def add_info(subparsers: Subparsers) -> None:
     add_bag(parser)
     add_json(parser)
     add_memory_option(parser)
-    add_signal_options(parser)
 
 
 def run_info(arguments: argparse.Namespace) -> int:
     """Print the facts; return 1 if something is wrong with the recording.
 
     Shows topics, types, numbers of messages, duration and what is wrong with a recording. Reads
-    mcap and sqlite3: a folder, a single file, split, compressed, or cut off by a killed writer;
-    and files of a laboratory, as `rpms import` does.
+    mcap and sqlite3: a folder, a single file, split, compressed, or cut off by a killed writer.
 
     Examples
     --------
@@ -58,52 +49,14 @@ def run_info(arguments: argparse.Namespace) -> int:
       rpms info session/session_0.mcap --json
     """
     from rpms_ros.recording import read_facts
-    from rpms_ros.recording.importing import is_foreign
 
-    if is_foreign(arguments.bag):
-        facts = _facts_of_file(read(arguments.bag, arguments))
-    else:
-        with progress('reading', None, 'messages', arguments.quiet) as advance:
-            facts = read_facts(arguments.bag, advance, arguments.max_memory)
+    with progress('reading', None, 'messages', arguments.quiet) as advance:
+        facts = read_facts(arguments.bag, advance, arguments.max_memory)
     if arguments.json:
-        json.dump(as_document(facts), sys.stdout, indent=2)
-        print()
+        print(json.dumps(plain(facts), indent=2, default=str))
     else:
         print(as_text(facts))
     return 1 if facts.faults else 0
-
-
-def _facts_of_file(recording: 'Recording') -> 'RecordingFacts':
-    """Return the facts of a file of a laboratory: pulses and samples in place of topics."""
-    from rpms_ros.recording.rosbag.scan import TopicFacts
-
-    pulses, forces = recording.pulses.onset_ns, recording.forces.stamp_ns
-    found = (('pulses', 'pulses', pulses), (recording.quantity, 'samples', forces))
-    topics = tuple(
-        TopicFacts(name, kind, len(stamps), int(stamps[0]), int(stamps[-1]))
-        for name, kind, stamps in found
-        if len(stamps)
-    )
-    return replace(recording.facts, topics=topics)
-
-
-def as_document(facts: 'RecordingFacts') -> dict[str, Any]:
-    """Return the facts as JSON takes them; times in s."""
-    return {
-        'recording': str(facts.path),
-        'storage': facts.storage,
-        'topics': [
-            {
-                'name': topic.name,
-                'type': topic.type_name,
-                'messages': topic.count,
-                'first_s': topic.first_ns / NANOSECONDS_PER_SECOND,
-                'duration_s': (topic.last_ns - topic.first_ns) / NANOSECONDS_PER_SECOND,
-            }
-            for topic in facts.topics
-        ],
-        **{name: plain(getattr(facts, name)) for name in _FACTS},
-    }
 
 
 def as_text(facts: 'RecordingFacts') -> str:

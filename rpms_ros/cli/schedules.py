@@ -5,7 +5,6 @@
 import argparse
 import json
 import os
-from dataclasses import asdict
 from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from rpms_ros.cli.options import Subparsers, add_command, add_option
 from rpms_ros.errors import StimulationError
 from rpms_ros.printable import counted
+from rpms_ros.schema import plain
 
 if TYPE_CHECKING:
     from rpms_ros.stimulation.limits.device_specification import DeviceSpecification
@@ -144,11 +144,7 @@ def run_check(arguments: argparse.Namespace) -> int:
         specification = for_session(specification, patient)
     ahead = forecast(schedule, specification, patient.dose if patient else None)
     if arguments.json:
-        violations = [asdict(found) for found in ahead.violations]
-        document = {'deliverable': ahead.deliverable, 'violations': violations}
-        names = ('mean_power_w', 'energy_j', 'max_rate_hz', 'waits_s')
-        document |= {name: getattr(ahead, name) for name in names}
-        print(json.dumps({**document, 'temperature_c': ahead.highest_temperature}))
+        print(json.dumps({'deliverable': ahead.deliverable, **plain(ahead)}))
     else:
         print('\n'.join(report(schedule, specification, ahead, patient)))
     return 0 if ahead.deliverable else 1

@@ -45,8 +45,8 @@ MEASURED, MODELLED, BAND, FAINT = '#a0a0a0', '#000000', '#dcdcdc', '#6e6e6e'
 _SEEN = 2e-3
 # How much of the force is shown [s].
 _SHOWN = 4.0
-# More bars, or points in a line, than this are not distinguishable in print.
-_MOST_BARS, _MOST_POINTS = 1000, 2000
+# More marks, or points in a line, than this are not distinguishable in print.
+_MOST_MARKS, _MOST_POINTS = 1000, 2000
 
 
 def begin_of_response(force: FloatArray) -> int:
@@ -197,16 +197,8 @@ def draw_schedule(axes: list[Axes], dose: Dose) -> None:
     if not len(time):
         note(axes[0], 'no pulses')
         return
-    if len(time) <= _MOST_BARS:
-        # one line with gaps, which is shorter in SVG than a line for each pulse
-        bars = np.stack([np.zeros_like(time), intensity, np.full_like(time, np.nan)], axis=1)
-        axes[0].plot(np.repeat(time, 3), bars.ravel(), color=MEASURED, lw=0.6)
-        axes[0].plot(time, intensity, '.', color=MODELLED, ms=2.5)
-    else:
-        starts = np.linspace(0, len(time), _MOST_BARS // 2, endpoint=False).astype(int)
-        low = np.minimum.reduceat(intensity, starts)
-        high = np.maximum.reduceat(intensity, starts)
-        axes[0].fill_between(time[starts], low, high, color=MEASURED, lw=0.4, ec=MODELLED)
+    # many are one picture, which is shorter in SVG than a mark for each pulse
+    axes[0].plot(time, intensity, '.', color=MODELLED, ms=2.5, rasterized=len(time) > _MOST_MARKS)
     axes[1].plot(time, np.cumsum(intensity**2), color=MODELLED, lw=1.2, drawstyle='steps-post')
 
 

@@ -69,7 +69,7 @@ def test_parts_of_a_session_are_analysed_as_one(rpms, magnetic):
     code, out, _ = rpms('analyze', '--together', magnetic, magnetic, '--json')
     assert code == 0
     document = json.loads(out)
-    assert document['twitches']['count'] == 120
+    assert document['twitches']['latency']['count'] == 120
     # the sample rate does not change between the parts
     assert not any('sample rate' in line for line in document['findings'])
 

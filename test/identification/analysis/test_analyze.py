@@ -231,7 +231,7 @@ def test_table_3_is_found_in_its_own_field():
     values = {name: interval.value for name, interval in found.parameters.items()}
     assert values['threshold'] == pytest.approx(0.48, abs=0.01)
     assert values['saturation'] == pytest.approx(0.98, abs=0.01)
-    assert found.shape_difference < 0.01
+    assert found.residual < 1e-3
 
 
 @pytest.mark.parametrize('seed', range(5))
