@@ -208,8 +208,3 @@ class Identification:
 
     def __str__(self) -> str:
         return f'{self.session.name}\n{labelled(result_rows(self.result))}'
-
-    @property
-    def faults(self) -> dict[str, int]:
-        """What was wrong with the data, and how often."""
-        return dict(self.result.faults)

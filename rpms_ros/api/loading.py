@@ -136,7 +136,14 @@ def load(
     if is_foreign(place):
         if sign not in (1, -1):
             raise RecordingError(f'expected sign 1 or -1, got {sign!r}')
-        return _imported(place, options, sign, quantity)
+        storage = 'table' if place.suffix.lower() in _TABLES else 'file'
+        try:
+            found = import_file(place, options)
+            recording = recording_of(found, place, storage, sign, quantity)
+        except RecordingError as error:
+            raise RecordingError(_with_keywords(str(error))) from error
+        told = tuple((label, _with_keywords(text)) for label, text in found.facts)
+        return Session(name=place.stem, recording=recording, imported=told)
     if given := options.given():
         what = f'{given[0]} with a table or another file of a laboratory'
         raise RecordingError(f'expected {what}, got it with {place}')
@@ -207,17 +214,6 @@ def from_arrays(
     pulses = PulseTrain.numbered(stamps(onsets), shares)
     forces = ForceTrace(stamps(seconds), newtons)
     return Session(name, as_recording(pulses, forces, Path(name), 'arrays'))
-
-
-def _imported(place: Path, options: ImportOptions, sign: int, quantity: str) -> Session:
-    storage = 'table' if place.suffix.lower() in _TABLES else 'file'
-    try:
-        found = import_file(place, options)
-        recording = recording_of(found, place, storage, sign, quantity)
-    except RecordingError as error:
-        raise RecordingError(_with_keywords(str(error))) from error
-    told = tuple((label, _with_keywords(text)) for label, text in found.facts)
-    return Session(name=place.stem, recording=recording, imported=told)
 
 
 def recording_of(found: Imported, path: Path, storage: str, sign: int, quantity: str) -> Recording:

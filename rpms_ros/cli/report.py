@@ -7,7 +7,6 @@ import json
 import shlex
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rpms_ros.cli.files import add_signal_options
 from rpms_ros.cli.options import (
@@ -26,9 +25,6 @@ from rpms_ros.cli.options import (
     warn,
 )
 from rpms_ros.report.text import write_text
-
-if TYPE_CHECKING:
-    from rpms_ros.report.session import SessionReport
 
 
 def add_report(subparsers: Subparsers) -> None:
@@ -61,31 +57,13 @@ def run(arguments: argparse.Namespace) -> int:
       rpms report session --files figures            PNG, SVG and JSON files beside the page
       rpms report session --json | jq .headline      one JSON object on stdout
     """
+    from rpms_ros.recording.importing import is_foreign
     from rpms_ros.report.figures import write_figures
     from rpms_ros.report.page import as_page
-    from rpms_ros.schema import plain
-
-    report = _report(arguments)
-    document, verdict = plain(report), report.result.verdict
-    write_text(arguments.out, as_page(report))
-    if arguments.files:
-        write_figures(arguments.files, report)
-        text = json.dumps(document, allow_nan=False, indent=1)
-        write_text(arguments.files / 'report.json', text)
-    if arguments.json:
-        print(json.dumps(document, allow_nan=False))
-    else:
-        print(f'verdict {verdict.line}')
-        print(f'{arguments.out}: {arguments.out.stat().st_size / 1e6:.2f} MB')
-    warn(('warning', text) for text in report.remarks)
-    return verdict_code(verdict.grade, report.recording)
-
-
-def _report(arguments: argparse.Namespace) -> 'SessionReport':
-    from rpms_ros.recording.importing import is_foreign
     from rpms_ros.report.recorded import RecordedMessages, recorded_messages
     from rpms_ros.report.result import IdentificationOptions, identified, result_of
     from rpms_ros.report.session import report_of
+    from rpms_ros.schema import plain
 
     options = options_of(IdentificationOptions, arguments)
     recording = read(arguments.bag, arguments)
@@ -100,4 +78,17 @@ def _report(arguments: argparse.Namespace) -> 'SessionReport':
     with progress('identifying', count, 'samples', arguments.quiet) as advance:
         session = identified(recording, options, advance)
     result = result_of(recording, session, arguments.expected_force)
-    return report_of(title, recording, messages, session, result, command)
+    report = report_of(title, recording, messages, session, result, command)
+    document, verdict = plain(report), report.result.verdict
+    write_text(arguments.out, as_page(report))
+    if arguments.files:
+        write_figures(arguments.files, report)
+        text = json.dumps(document, allow_nan=False, indent=1)
+        write_text(arguments.files / 'report.json', text)
+    if arguments.json:
+        print(json.dumps(document, allow_nan=False))
+    else:
+        print(f'verdict {verdict.line}')
+        print(f'{arguments.out}: {arguments.out.stat().st_size / 1e6:.2f} MB')
+    warn(('warning', text) for text in report.remarks)
+    return verdict_code(verdict.grade, report.recording)

@@ -17,12 +17,11 @@ from rpms_ros.identification.analysis import (
     TwitchAnalysis,
 )
 from rpms_ros.identification.analysis.dynamics import TrainDynamics, train_dynamics
-from rpms_ros.identification.analysis.recruitment_field import Interval
 from rpms_ros.identification.analysis.responses import counted_reasons
 from rpms_ros.identification.analysis.twitches import LatencyTable
 from rpms_ros.printable import counted
 from rpms_ros.report.result import train_rows
-from rpms_ros.report.text import labelled
+from rpms_ros.report.text import labelled, with_interval
 from rpms_ros.schema import plain
 
 
@@ -105,22 +104,18 @@ def _train_rows(found: SummationAnalysis, stated: TrainDynamics | None, unit: st
 
 def _field_rows(found: FieldAnalysis, unit: str) -> list[Row]:
     known = f'known to {found.worst_interval:.2%} of its maximum'
-    fit = f'fitted to {found.residual:.2%}'
+    fit, top = f'fitted to {found.residual:.2%}', vars(found.maximum_force)
     rows = [
         ('recruitment', f'{len(found.points)} levels, {known}, {fit}'),
-        (f'{QUANTITIES[unit]} at 100 %, 20 Hz', _interval(found.maximum_force, '{:.4g} ' + unit)),
+        (f'{QUANTITIES[unit]} at 100 %, 20 Hz', with_interval(top, 1.0, f' {unit}')),
     ]
-    shown = dict.fromkeys(('threshold', 'saturation'), '{:.1%}')
-    shown |= dict.fromkeys(('threshold_slope', 'saturation_slope'), '{:.3g}')
-    if found.rates_fitted:
-        shown |= {'rate_saturation': '{:.3g} Hz', 'rate_slope': '{:.3g}'}
-    values = found.parameters
-    return rows + [(f'  {name}', _interval(values[name], text)) for name, text in shown.items()]
-
-
-def _interval(interval: Interval, text: str) -> str:
-    value, low, high = map(text.format, (interval.value, interval.low, interval.high))
-    return f'{value} ({low} to {high})'
+    units = dict.fromkeys(('threshold', 'saturation'), (100.0, ' %'))
+    units['rate_saturation'] = 1.0, ' Hz'
+    for name, one in found.parameters.items():
+        # offsets are no numbers of the paper
+        if not name.endswith('_offset') and (found.rates_fitted or not name.startswith('rate_')):
+            rows.append((f'  {name}', with_interval(vars(one), *units.get(name, (1.0, '')))))
+    return rows
 
 
 def _spread(mean: float, spread: float, digits: int = 2) -> str:

@@ -8,7 +8,7 @@ recording and a sentence for a paper.
 
 import platform
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 from typing import Any
 
 import numpy as np
@@ -235,7 +235,11 @@ def report_of(
         methods={
             'sentence': _sentence(result, dose),
             'command': command or None,
-            'versions': _versions(),
+            'versions': {
+                'rpms_ros': __version__,
+                'python': platform.python_version(),
+                **{name: version(name) for name in ('numpy', 'scipy', 'numba', 'matplotlib')},
+            },
         },
         remarks=remarks,
         recording=recording,
@@ -243,16 +247,6 @@ def report_of(
         course=course,
         true_muscle=truth,
     )
-
-
-def _versions() -> dict[str, str]:
-    found = {'rpms_ros': __version__, 'python': platform.python_version()}
-    for name in ('numpy', 'scipy', 'numba', 'matplotlib'):
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = 'not installed'
-    return found
 
 
 def _sentence(result: IdentificationResult, dose: Dose) -> str:

@@ -26,7 +26,7 @@ def write(path):
         log.append('reset', {'who': 'operator-b'})
 
 
-def test_a_whole_log_of_which_kinds_can_be_chosen(path, rpms):
+def test_a_whole_log(path, rpms):
     write(path)
     code, out, err = rpms('audit', path)
     assert (code, err) == (0, '')
@@ -37,10 +37,7 @@ def test_a_whole_log_of_which_kinds_can_be_chosen(path, rpms):
     # nothing that is logged reaches the terminal as it came
     assert r'"reason": "\u001b[2Jexpected\n\ud800"' in out
     assert 'newest hash  ' in out
-    _, out, _ = rpms('audit', path, '--only', 'refusal,reset')
     assert '"who": "operator-b"' in out
-    assert 'session at' in out
-    assert '  arm ' not in out.partition('session at')[2]
 
 
 def test_the_first_broken_record_is_named(path, rpms):

@@ -43,7 +43,7 @@ def test_the_document_is_json_without_nan_also_without_pulses(whole, empty):
     assert document['summation']['law'].keys() == {
         'half_level', 'cooperation', 'facilitation', 'facilitation_decay', 'series_lag',
     }  # fmt: skip
-    assert document['recruitment']['parameters']['threshold']['low'] < 0.5
+    assert document['recruitment']['parameters']['threshold']['lower'] < 0.5
     assert len(document['steady']) >= 15
     document = analysis_document(empty)
     assert document['twitches'] is None

@@ -24,6 +24,7 @@ from scipy.special import stdtrit
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.analysis.responses import SETTLING, CleanTrace, Level, PulseGroup
 from rpms_ros.identification.analysis.twitch_fits import derivatives
+from rpms_ros.identification.quality.explained_force import Stated
 from rpms_ros.muscle import (
     IntensityRecruitment,
     RateRecruitment,
@@ -151,15 +152,6 @@ def steady_point(
 
 
 @dataclass(frozen=True)
-class Interval:
-    """A number with its 95 % interval."""
-
-    value: float
-    low: float
-    high: float
-
-
-@dataclass(frozen=True)
 class FieldAnalysis:
     """Recruitment by intensity and rate.
 
@@ -167,9 +159,9 @@ class FieldAnalysis:
     ----------
     recruitment : RecruitmentField
         rho_u and rho_f; rho(1, 20 Hz) = 1.
-    maximum_force : Interval
-        Steady force at full intensity and 20 Hz [N].
-    parameters : mapping of str to Interval
+    maximum_force : Stated
+        Steady force at full intensity and 20 Hz, with its 95 % interval [N].
+    parameters : mapping of str to Stated
         Numbers of Eqs. (9) and (10); rates in Hz.
     rates_fitted : bool
         Whether there were enough rates to fit rho_f; else it is the average of Table 3.
@@ -183,8 +175,8 @@ class FieldAnalysis:
     """
 
     recruitment: RecruitmentField
-    maximum_force: Interval
-    parameters: Mapping[str, Interval]
+    maximum_force: Stated
+    parameters: Mapping[str, Stated]
     rates_fitted: bool
     points: tuple[SteadyPoint, ...] = field(metadata=INTERNAL)
     residual: float
@@ -323,12 +315,12 @@ def _baselines(points: Sequence[SteadyPoint]) -> FloatArray:
 
 def _interval(
     value: float, variance: float, reach: float, logarithm: bool, scale: float = 1.0
-) -> Interval:
+) -> Stated:
     half = reach * float(np.sqrt(max(variance, 0.0)))
     ends = np.array([value, value - half, value + half])
     if logarithm:
         ends = np.exp(np.minimum(ends, 50.0))
-    return Interval(*(ends * scale).tolist())
+    return Stated(*(ends * scale).tolist())
 
 
 def _worst_deviation(theta: FloatArray, covariance: FloatArray, rate: FloatArray) -> float:

@@ -377,8 +377,6 @@ class OrderEvidence:
         Median of E_min of Eq. (3).
     time_constant, time_constant_spread : float
         Mean and standard deviation of T_a over the twitches [s].
-    wins : int
-        Twitches for which this order has the best criterion.
     """
 
     order: int
@@ -387,7 +385,6 @@ class OrderEvidence:
     least_error: float
     time_constant: float
     time_constant_spread: float
-    wins: int
 
 
 @dataclass(frozen=True)
@@ -411,8 +408,7 @@ class OrderChoice:
 
 def choose_order(fits: TwitchFits) -> OrderChoice:
     """Return the order for a set of twitches (at least one)."""
-    criterion = fits.bayes()
-    total = criterion.sum(axis=0)
+    total = fits.bayes().sum(axis=0)
     # each error is relative to the peak of its twitch, or the strong ones alone would decide
     share = fits.table[:, :, HELD_OUT] / fits.table[:, :, PEAK] ** 2 / fits.samples[:, None]
     held_out = np.sqrt(share.mean(axis=0))
@@ -420,7 +416,6 @@ def choose_order(fits: TwitchFits) -> OrderChoice:
     for index in range(1, len(fits.orders)):
         if total[index] < total[best] - DECISIVE:
             best = index
-    wins = np.bincount(np.argmin(criterion, axis=1), minlength=len(fits.orders))
     evidence = tuple(
         OrderEvidence(
             order=order,
@@ -429,7 +424,6 @@ def choose_order(fits: TwitchFits) -> OrderChoice:
             least_error=float(np.median(fits.least_error(order))),
             time_constant=float(fits.column(CONSTANT, order).mean()),
             time_constant_spread=spread(fits.column(CONSTANT, order)),
-            wins=int(wins[index]),
         )
         for index, order in enumerate(fits.orders)
     )

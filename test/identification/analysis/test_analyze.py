@@ -259,7 +259,7 @@ def test_the_intervals_hold_although_levels_between_two_rests_share_a_baseline(n
             own = {'rest': rest, 'rest_share': share, 'rest_deviation': deviation}
             moved.append(replace(point, force=point.force - error, **own))
         interval = fit_field(moved).maximum_force
-        inside += interval.low <= true <= interval.high
+        inside += interval.lower <= true <= interval.upper
     # 95 % intervals: 15 of 20 or fewer come in one of 3000 studies
     assert inside >= 16
 
