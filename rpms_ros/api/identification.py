@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What was found of the muscle: curve, response, parameters, figure, tables."""
 
+import html
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -208,3 +209,6 @@ class Identification:
 
     def __str__(self) -> str:
         return f'{self.session.name}\n{labelled(result_rows(self.result))}'
+
+    def _repr_html_(self) -> str:
+        return f'<pre>{html.escape(str(self))}</pre>'

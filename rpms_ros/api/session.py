@@ -2,8 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """One session: pulses, force, and what can be asked of them."""
 
+import html
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -133,6 +135,13 @@ class Session:
         figure.suptitle(self.name)
         return figure
 
+    def _repr_html_(self) -> str:
+        facts = (
+            f'{name}: {fact}' for name, fact in self.info().items() if fact not in (None, [], {})
+        )
+        shown = html.escape('\n'.join(facts))
+        return f'<pre>{shown}</pre>'
+
     def verify(self) -> list[Finding]:
         """Return what every check of the recording found: ``check``, ``state`` and ``text`` each.
 
@@ -180,8 +189,12 @@ class Session:
         Raises
         ------
         RecordingError
-            If `end` is not after `start`, or there is no sample in between.
+            If `end` is not after `start`, one of them is no time, or there is no sample in
+            between.
         """
+        for at in (start, end):
+            if not isinstance(at, Real):
+                raise RecordingError(f'expected a time in s, got {at!r}')
         if not start < end:
             raise RecordingError(f'expected a start before the end, got {start} s and {end} s')
         first_ns = self.force.stamp_ns.min() if len(self.force) else 0

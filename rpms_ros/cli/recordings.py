@@ -5,9 +5,11 @@
 import argparse
 import json
 import textwrap
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rpms_ros.cli.files import add_signal_options
 from rpms_ros.cli.options import (
     Subparsers,
     add_bag,
@@ -17,6 +19,7 @@ from rpms_ros.cli.options import (
     add_option,
     add_topic_options,
     progress,
+    read,
     topics_of,
 )
 from rpms_ros.printable import printable
@@ -25,7 +28,7 @@ from rpms_ros.report.text import noted, table
 from rpms_ros.schema import plain
 
 if TYPE_CHECKING:
-    from rpms_ros.recording import RecordingFacts
+    from rpms_ros.recording import Recording, RecordingFacts
 
 
 def add_info(subparsers: Subparsers) -> None:
@@ -35,13 +38,15 @@ def add_info(subparsers: Subparsers) -> None:
     add_bag(parser)
     add_json(parser)
     add_memory_option(parser)
+    add_signal_options(parser)
 
 
 def run_info(arguments: argparse.Namespace) -> int:
     """Print the facts; return 1 if something is wrong with the recording.
 
     Shows topics, types, numbers of messages, duration and what is wrong with a recording. Reads
-    mcap and sqlite3: a folder, a single file, split, compressed, or cut off by a killed writer.
+    mcap and sqlite3: a folder, a single file, split, compressed, or cut off by a killed writer;
+    and files of a laboratory, as `rpms import` does.
 
     Examples
     --------
@@ -49,14 +54,32 @@ def run_info(arguments: argparse.Namespace) -> int:
       rpms info session/session_0.mcap --json
     """
     from rpms_ros.recording import read_facts
+    from rpms_ros.recording.importing import is_foreign
 
-    with progress('reading', None, 'messages', arguments.quiet) as advance:
-        facts = read_facts(arguments.bag, advance, arguments.max_memory)
+    if is_foreign(arguments.bag):
+        facts = _facts_of_file(read(arguments.bag, arguments))
+    else:
+        with progress('reading', None, 'messages', arguments.quiet) as advance:
+            facts = read_facts(arguments.bag, advance, arguments.max_memory)
     if arguments.json:
         print(json.dumps(plain(facts), indent=2, default=str))
     else:
         print(as_text(facts))
     return 1 if facts.faults else 0
+
+
+def _facts_of_file(recording: 'Recording') -> 'RecordingFacts':
+    """Return the facts of a file of a laboratory: pulses and samples in place of topics."""
+    from rpms_ros.recording.rosbag.scan import TopicFacts
+
+    pulses, forces = recording.pulses.onset_ns, recording.forces.stamp_ns
+    found = (('pulses', 'pulses', pulses), (recording.quantity, 'samples', forces))
+    topics = tuple(
+        TopicFacts(name, kind, len(stamps), int(stamps[0]), int(stamps[-1]))
+        for name, kind, stamps in found
+        if len(stamps)
+    )
+    return replace(recording.facts, topics=topics)
 
 
 def as_text(facts: 'RecordingFacts') -> str:

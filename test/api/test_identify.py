@@ -59,7 +59,7 @@ def test_the_verdict_on_a_force_of_the_wrong_sign_is_no(simulated):
     assert found.verdict.grade == 'no'
     assert 'sign or axis of the sensor is wrong' in found.verdict.line
     # nor has its text numbers that could be used
-    assert 'u_thr' not in str(found)
+    assert 'u_thr' not in str(found) + found._repr_html_()
 
 
 def test_the_text_is_that_of_the_command(found, tmp_path, capsys):
@@ -67,6 +67,8 @@ def test_the_text_is_that_of_the_command(found, tmp_path, capsys):
     assert main(['identify', str(tmp_path / 'leg'), '--quiet']) == 0
     assert capsys.readouterr().out.splitlines()[1:] == str(found).splitlines()[1:]
     assert str(found).startswith('simulated, uniform_random\n  verdict ')
+    shown = replace(found, session=replace(found.session, name='<b>leg</b>'))._repr_html_()
+    assert shown.startswith('<pre>&lt;b&gt;leg&lt;/b&gt;\n  verdict')
     assert repr(found) == (
         f"Identification('simulated, uniform_random', 'batch', {found.verdict.line!r})"
     )

@@ -23,6 +23,7 @@ def table(path):
 
 def test_info_says_what_the_session_holds():
     session = rpms_ros.load(str(SAMPLE))
+    assert 'samples: 30000\n' in session._repr_html_()
     info = session.info()
     assert info['path'] == str(SAMPLE)
     numbers = ('samples', 'pulses', 'force_rate_hz', 'pulse_rate_hz')
@@ -107,6 +108,7 @@ def test_a_wrong_option_of_a_recording_or_a_file_is_named(tmp_path, path, change
     [
         (5.0, 5.0, 'expected a start before the end, got 5.0 s and 5.0 s'),
         (float('nan'), 1.0, 'expected a start before the end'),
+        ('1', 2.0, "expected a time in s, got '1'"),
         (20.0, 30.0, r'expected force between 20.0 s and 30.0 s, got 14.999 s of it'),
     ],
 )

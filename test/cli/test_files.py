@@ -93,9 +93,11 @@ def trial(path):
 def test_commands_take_a_table_as_load_does(rpms, tmp_path):
     table = trial(tmp_path / 'trial.csv')
     stated = ('--intensity', 'drive')
-    code, _, err = rpms('import', table, '--out', tmp_path / 'bag', *stated)
+    code, out, err = rpms('info', table, *stated)
     assert code == 0
+    assert 'samples' in out
     assert "'Force [N]' in N, as the file says" in err
+    assert rpms('import', table, '--out', tmp_path / 'bag', *stated)[0] == 0
     one, other = (
         json.loads(rpms('identify', place, '--json', *more)[1])
         for place, more in ((table, stated), (tmp_path / 'bag', ()))
