@@ -131,13 +131,13 @@ def speed(count):
     with tqdm(total=count, desc='twitches', unit=' twitches', leave=False) as bar:
         found = analyze(pulses, force, progress=lambda _, done, __: bar.update(done - bar.n))
     took, processor = time.perf_counter() - begun, time.process_time() - processor
-    print(f'speed: {len(found.twitches.fits)} twitches, orders 2, 3, 4, free and held out')
+    print(f'speed: {len(found.twitches.fits)} twitches, orders 2, 3, 4 and held out')
     say(f'{count} data sets', f'{took:.1f} s ({processor:.1f} s of CPU)', '< 30 s', took < 30)
 
 
 def rat_response(path):
     """Return the response of a trial."""
-    session = rpms_ros.load(path, columns=('Time [s]', 'fGM [N]', 'STIM [ ]'))
+    session = rpms_ros.load(path, time='Time [s]', force='fGM [N]', pulse='STIM [ ]')
     pulses, trace = session.pulses, session.force
     lag = (trace.stamp_ns - pulses.onset_ns[0]) / 1e9
     onset = (pulses.onset_ns - pulses.onset_ns[0]) / 1e9
@@ -169,9 +169,7 @@ def rat():
         print(f'    the same trains: equal pulses {found.mean_fit("equal", held_out=True):.1f} %, '
               f'a gain a pulse {found.mean_fit("gains", held_out=True):.1f} %')  # fmt: skip
         print(f'    worst of the 8: {min(t.law.fit for t in found.trains if t.held_out):.1f} %; '
-              f'T_a {1e3 * found.time_constant:.2f} +- {1e3 * found.time_constant_spread:.2f} ms, '
-              f'latency {1e3 * found.latency:.2f} +- {1e3 * found.latency_spread:.2f} ms '
-              f'({took:.1f} s)')  # fmt: skip
+              f'T_a {1e3 * found.time_constant:.2f} ms ({took:.1f} s)')  # fmt: skip
         print(f'    {found.law}')
 
 

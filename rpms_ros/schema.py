@@ -14,6 +14,9 @@ from typing import Any
 
 import numpy as np
 
+INTERNAL = {'internal': True}
+"""Metadata of a field that does not go into JSON, such as a trace."""
+
 
 def documented(doc: str, **options: Any) -> Any:
     """Return a dataclass field with a sentence on its meaning and unit, for the schema."""
@@ -22,7 +25,7 @@ def documented(doc: str, **options: Any) -> Any:
 
 def internal(**options: Any) -> Any:
     """Return a dataclass field that does not go into JSON, such as a trace."""
-    return dataclasses.field(metadata={'internal': True}, **options)
+    return dataclasses.field(metadata=INTERNAL, **options)
 
 
 def plain(value: Any) -> Any:

@@ -23,7 +23,7 @@ FOLDER = Path(os.environ.get('RPMS_RECORDINGS', Path(__file__).parents[3] / 'sha
 
 def response(path):
     """Return the response of a trial."""
-    session = rpms_ros.load(path, columns=('Time [s]', 'fGM [N]', 'STIM [ ]'))
+    session = rpms_ros.load(path, time='Time [s]', force='fGM [N]', pulse='STIM [ ]')
     pulses, trace = session.pulses, session.force
     lag = (trace.stamp_ns - pulses.onset_ns[0]) / 1e9
     onset = (pulses.onset_ns - pulses.onset_ns[0]) / 1e9

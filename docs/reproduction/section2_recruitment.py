@@ -90,7 +90,7 @@ def main():
     print(f'  each subject against its own truth: worst {max(errors):.2f} %, '
           f'median {np.median(errors):.2f} % of the maximum')  # fmt: skip
     print(f'  greatest 95 % interval of a field: {max(intervals):.2f} %')
-    print(f'  formula against monotone regression: {100 * average.shape_difference:.2f} %')
+    print(f'  residual: {100 * average.residual:.2f} % of the greatest force')
     print('\nFig. 9 and 10: average field at some intensities and rates, measured / fitted')
     shown = (0.25, 0.5, 0.75, 1.0)
     print('  ' + f'{"":<8}' + ''.join(f'{f"{level:.0%}":>16}' for level in shown))

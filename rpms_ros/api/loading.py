@@ -29,7 +29,6 @@ _OPTION = re.compile(r'--([a-z]+(?:-[a-z]+)*)(?: [A-Z][A-Z-]*)?')
 def load(
     path: str | Path,
     *,
-    columns: tuple[str, str, str] | None = None,
     time: str | None = None,
     force: str | None = None,
     pulse: str | None = None,
@@ -56,8 +55,6 @@ def load(
     path : str or Path
         Recording of rosbag2 (folder, mcap or sqlite3 file); a file of a laboratory, as
         ``rpms import`` takes it (table of text, LabChart text, MATLAB, Excel).
-    columns : tuple of str, optional
-        Short for the names of time [s], force [N] and gate of the stimulator.
     time, force, pulse : str, optional
         Names of the columns or signals of a file; of the pulses also a list of trigger times.
         Guessed where they are not given; `Session.imported` has the guess.
@@ -133,21 +130,21 @@ def load(
     ['sample']
     """
     place = Path(path)
-    if columns is not None:
-        if (time, force, pulse) != (None, None, None):
-            raise RecordingError('expected either columns or time, force and pulse, got both')
-        time, force, pulse = columns
-        time_unit = time_unit or 's'
-        force_unit = force_unit if force_unit or force_scale else 'N'
     # each option has the name of its keyword here
     keywords = locals()
     options = ImportOptions(**{one.name: keywords[one.name] for one in fields(ImportOptions)})
     if is_foreign(place):
         if sign not in (1, -1):
             raise RecordingError(f'expected sign 1 or -1, got {sign!r}')
-        return _imported(place, options, sign, quantity)
-    given = ['columns'] if columns is not None else options.given()
-    if given:
+        storage = 'table' if place.suffix.lower() in _TABLES else 'file'
+        try:
+            found = import_file(place, options)
+            recording = recording_of(found, place, storage, sign, quantity)
+        except RecordingError as error:
+            raise RecordingError(_with_keywords(str(error))) from error
+        told = tuple((label, _with_keywords(text)) for label, text in found.facts)
+        return Session(name=place.stem, recording=recording, imported=told)
+    if given := options.given():
         what = f'{given[0]} with a table or another file of a laboratory'
         raise RecordingError(f'expected {what}, got it with {place}')
     topics = Topics(pulses_topic, force_topic)
@@ -217,17 +214,6 @@ def from_arrays(
     pulses = PulseTrain.numbered(stamps(onsets), shares)
     forces = ForceTrace(stamps(seconds), newtons)
     return Session(name, as_recording(pulses, forces, Path(name), 'arrays'))
-
-
-def _imported(place: Path, options: ImportOptions, sign: int, quantity: str) -> Session:
-    storage = 'table' if place.suffix.lower() in _TABLES else 'file'
-    try:
-        found = import_file(place, options)
-        recording = recording_of(found, place, storage, sign, quantity)
-    except RecordingError as error:
-        raise RecordingError(_with_keywords(str(error))) from error
-    told = tuple((label, _with_keywords(text)) for label, text in found.facts)
-    return Session(name=place.stem, recording=recording, imported=told)
 
 
 def recording_of(found: Imported, path: Path, storage: str, sign: int, quantity: str) -> Recording:

@@ -3,8 +3,7 @@
 """One session: pulses, force, and what can be asked of them."""
 
 import html
-import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from numbers import Real
 from pathlib import Path
@@ -19,14 +18,7 @@ from rpms_ros.identification import DEFAULT_RATE
 from rpms_ros.identification.model.settings import PEOPLE_PRESET
 from rpms_ros.identification.stream.pulse_queue import no_overlap
 from rpms_ros.muscle import Subject
-from rpms_ros.pulses import (
-    NANOSECONDS_PER_SECOND,
-    FloatArray,
-    ForceTrace,
-    IntArray,
-    PulseTrain,
-    nanoseconds,
-)
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, ForceTrace, IntArray, PulseTrain
 from rpms_ros.recording import Recording, Topics, write_recording
 from rpms_ros.recording.rosbag.verifying import Finding, verify
 from rpms_ros.report.known_muscle import KnownMuscle
@@ -144,10 +136,11 @@ class Session:
         return figure
 
     def _repr_html_(self) -> str:
-        facts = self.info().items()
-        return as_html(
-            '', ((name, str(fact)) for name, fact in facts if fact not in (None, [], {}))
+        facts = (
+            f'{name}: {fact}' for name, fact in self.info().items() if fact not in (None, [], {})
         )
+        shown = html.escape('\n'.join(facts))
+        return f'<pre>{shown}</pre>'
 
     def verify(self) -> list[Finding]:
         """Return what every check of the recording found: ``check``, ``state`` and ``text`` each.
@@ -204,10 +197,12 @@ class Session:
                 raise RecordingError(f'expected a time in s, got {at!r}')
         if not start < end:
             raise RecordingError(f'expected a start before the end, got {start} s and {end} s')
-        first_ns = int(self.force.stamp_ns.min()) if len(self.force) else 0
-        low, high = (_moment(first_ns, at) for at in (start, end))
-        here = (self.force.stamp_ns >= low) & (self.force.stamp_ns <= high)
-        chosen = (self.pulses.onset_ns >= low) & (self.pulses.onset_ns <= high)
+        first_ns = self.force.stamp_ns.min() if len(self.force) else 0
+        elapsed = (
+            (stamp_ns - first_ns) / NANOSECONDS_PER_SECOND
+            for stamp_ns in (self.force.stamp_ns, self.pulses.onset_ns)
+        )
+        here, chosen = ((time >= start) & (time <= end) for time in elapsed)
         if not here.any():
             raise RecordingError(
                 f'expected force between {start} s and {end} s, got {self.duration:.3f} s of it'
@@ -223,7 +218,7 @@ class Session:
             samples_before_pulse=before[self.recording.samples_before_pulse[chosen]],
             facts=replace(self.recording.facts, storage='part'),
         )
-        return replace(self, name=f'{self.name}, {_span(start, end)}', recording=part)
+        return replace(self, name=f'{self.name}, {start:g} to {end:g} s', recording=part)
 
     def identify(
         self,
@@ -279,26 +274,6 @@ class Session:
         options = IdentificationOptions(estimator, chosen, rate_hz, seed)
         estimates = identified(self.recording, options, progress, most_estimates)
         return Identification(self, estimates, result_of(self.recording, estimates))
-
-
-def as_html(above: str, rows: Iterable[tuple[str, str]]) -> str:
-    """Return a line and a table of names and texts, as a notebook shows them."""
-    cells = (f'<tr><th>{html.escape(name)}</th><td>{html.escape(text)}' for name, text in rows)
-    return f'<p>{html.escape(above)}</p>' * bool(above) + f'<table>{"".join(cells)}</table>'
-
-
-def _moment(first_ns: int, at: float) -> int:
-    """Return the stamp [ns] of a time after the first sample [s], within 64 bits."""
-    limits = np.iinfo(np.int64)
-    if abs(at) * NANOSECONDS_PER_SECOND >= limits.max:
-        return int(limits.max if at > 0 else limits.min)
-    return min(max(first_ns + nanoseconds(float(at)), limits.min), limits.max)
-
-
-def _span(start: float, end: float) -> str:
-    if math.isinf(start):
-        return 'all' if math.isinf(end) else f'up to {end:g} s'
-    return f'from {start:g} s on' if math.isinf(end) else f'{start:g} to {end:g} s'
 
 
 def _rate(stamp_ns: IntArray) -> float | None:

@@ -18,7 +18,7 @@ from rpms_ros.printable import printable
 
 _NEED_ROS = ('demo', 'live')
 COMMANDS = (
-    *('identify', 'report', 'info', 'verify', 'study', 'analyze', 'import', 'export', 'simulate'),
+    *('identify', 'report', 'info', 'verify', 'analyze', 'import', 'export', 'simulate'),
     *('protocol', 'check', 'audit', *_NEED_ROS),
 )
 """In the order of the help: what needs ROS last."""
@@ -45,8 +45,6 @@ Exit codes: 0 well, 1 done but with something missing or wrong in the data, 2 no
 """
 # What an installation without extras lacks.
 _EXTRAS = {'jinja2': 'report'}
-# What `rpms study` does with several recordings.
-_STUDIED = ('identify', 'report')
 _NO_ROS = 'it needs ROS 2 Jazzy and rpms_msgs: run make build, or source a workspace'
 
 
@@ -88,8 +86,7 @@ def _unknown(arguments: argparse.Namespace, unknown: Sequence[str]) -> str:
     names = not any(text.startswith('-') for text in unknown)
     if not (names and hasattr(arguments, 'bag')):
         return f'unrecognized arguments: {" ".join(unknown)}'
-    hint = '; rpms study takes several' if arguments.command in _STUDIED else ''
-    return f'expected one recording, got {len(unknown) + 1}{hint}'
+    return f'expected one recording, got {len(unknown) + 1}'
 
 
 def _lacking(error: ModuleNotFoundError, root: str, command: str) -> str:

@@ -4,19 +4,16 @@
 
 import argparse
 import json
+import math
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rpms_ros.cli.files import add_signal_options
 from rpms_ros.cli.options import Subparsers, add_command, add_reading_options, progress, read, warn
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, ForceTrace, PulseTrain
 from rpms_ros.report.text import write_text
-
-if TYPE_CHECKING:
-    from rpms_ros.identification.analysis import MuscleAnalysis
 
 Session = tuple[PulseTrain, ForceTrace]
 _PAUSE_NS = 10 * NANOSECONDS_PER_SECOND
@@ -52,10 +49,11 @@ def run(arguments: argparse.Namespace) -> int:
       rpms simulate --out session --schedule muscle.yaml --subject rpms --noise 0.04 --artifact 4
       rpms analyze session
       rpms analyze session --out results            result.json and figures
-      rpms analyze session --json | jq .twitches.order.order
+      rpms analyze session --json | jq .twitches.choice.order
       rpms analyze magnetic electrical              two recordings, one after the other
       rpms analyze --together trial_1 trial_2       parts of one session, analysed as one
     """
+    from rpms_ros.identification.analysis import analyze
     from rpms_ros.report.analysis_report import analysis_document, analysis_text
 
     recordings = [read(bag, arguments) for bag in arguments.bags]
@@ -63,10 +61,11 @@ def run(arguments: argparse.Namespace) -> int:
     sessions = [(recording.pulses, recording.forces) for recording in recordings]
     if arguments.together:
         sessions, names = [_joined(sessions)], [f'{names[0]} to {names[-1]}']
-    unit = recordings[0].unit
-    analyses = [
-        replace(_analyzed(pulses, forces, arguments), unit=unit) for pulses, forces in sessions
-    ]
+    if arguments.unknown_intensity:
+        sessions = [(replace(one, intensity=math.nan * one.intensity), f) for one, f in sessions]
+    with progress('analysing', None, 'responses', arguments.quiet) as advance:
+        found = [analyze(*session, progress=lambda *_: advance(1)) for session in sessions]
+    analyses = [replace(one, unit=recordings[0].unit) for one in found]
     documents = [analysis_document(analysis) for analysis in analyses]
     if arguments.json:
         print(json.dumps(documents if len(documents) > 1 else documents[0], allow_nan=False))
@@ -76,7 +75,15 @@ def run(arguments: argparse.Namespace) -> int:
     pairs = zip(names, analyses, strict=True)
     warn((name, finding) for name, one in pairs for finding in one.findings)
     if arguments.out:
-        _write(arguments.out, names, analyses)
+        from rpms_ros.report.analysis_figures import draw_analysis
+
+        for index, name in enumerate(names):
+            place = arguments.out / f'{index + 1}-{name}' if len(names) > 1 else arguments.out
+            text = json.dumps(documents[index], allow_nan=False, indent=2)
+            write_text(place / 'result.json', f'{text}\n')
+            drawn = draw_analysis(place, analyses[index], name)
+            written = ', '.join(['result.json', *(path.name for path in drawn)])
+            print(f'{place}: {written}', file=sys.stderr)
     nothing = any(not (one.twitches or one.summation or one.recruitment) for one in analyses)
     faulty = any(recording.facts.faults for recording in recordings)
     return 1 if faulty or nothing else 0
@@ -96,29 +103,3 @@ def _joined(sessions: Sequence[Session]) -> Session:
     stamp_ns = np.concatenate([trace.stamp_ns for trace in traces])
     force = np.concatenate([trace.force for trace in traces])
     return PulseTrain.joined(trains), ForceTrace(stamp_ns, force)
-
-
-def _analyzed(
-    pulses: PulseTrain, forces: ForceTrace, arguments: argparse.Namespace
-) -> 'MuscleAnalysis':
-    import numpy as np
-
-    from rpms_ros.identification.analysis import analyze
-
-    if arguments.unknown_intensity:
-        pulses = replace(pulses, intensity=np.full(len(pulses), np.nan))
-    with progress('analysing', None, 'responses', arguments.quiet) as advance:
-        return analyze(pulses, forces, progress=lambda *_: advance(1))
-
-
-def _write(folder: Path, names: Sequence[str], analyses: Sequence['MuscleAnalysis']) -> None:
-    from rpms_ros.report.analysis_figures import draw_analysis
-    from rpms_ros.report.analysis_report import analysis_document
-
-    for index, (name, analysis) in enumerate(zip(names, analyses, strict=True)):
-        place = folder / f'{index + 1}-{name}' if len(names) > 1 else folder
-        text = json.dumps(analysis_document(analysis), allow_nan=False, indent=2)
-        write_text(place / 'result.json', f'{text}\n')
-        drawn = draw_analysis(place, analysis, name)
-        written = ', '.join(['result.json', *(path.name for path in drawn)])
-        print(f'{place}: {written}', file=sys.stderr)

@@ -6,7 +6,6 @@ import argparse
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rpms_ros.cli.files import add_signal_options
 from rpms_ros.cli.options import (
@@ -27,11 +26,6 @@ from rpms_ros.cli.options import (
 )
 from rpms_ros.printable import printable
 from rpms_ros.report.text import labelled, write_text
-
-if TYPE_CHECKING:
-    from rpms_ros.identification import IdentifiedSession
-    from rpms_ros.recording import Recording
-    from rpms_ros.report.result import IdentificationResult
 
 # More than a figure has pixels across; a minute and a half has all of its estimates.
 _MOST_ESTIMATES = 1000
@@ -105,26 +99,14 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         print(f'{printable(str(arguments.bag))}\n{labelled(result_rows(result))}')
     warn(('warning', text) for text in result.notes)
-    if arguments.out:
-        _write(arguments.out, result, recording, session, str(arguments.bag))
+    if folder := arguments.out:
+        from rpms_ros.report.analysis_figures import save_figure
+        from rpms_ros.report.figures import draw_session, style
+        from rpms_ros.report.recorded import true_muscle
+
+        write_text(folder / 'result.json', json.dumps(plain(result), allow_nan=False, indent=1))
+        truth = true_muscle(recording, result.rate_hz)
+        figure = draw_session(session, recording.pulses, truth, str(arguments.bag), result.trains)
+        with style():
+            save_figure(figure, folder / 'session.png', folder / 'session.svg')
     return verdict_code(result.verdict.grade, recording)
-
-
-def _write(
-    folder: Path,
-    result: 'IdentificationResult',
-    recording: 'Recording',
-    session: 'IdentifiedSession',
-    title: str,
-) -> None:
-    """Write the result and its figure, as pixels and as vectors."""
-    from rpms_ros.report.analysis_figures import save_figure
-    from rpms_ros.report.figures import draw_session, style
-    from rpms_ros.report.recorded import true_muscle
-    from rpms_ros.schema import plain
-
-    truth = true_muscle(recording, result.rate_hz)
-    write_text(folder / 'result.json', json.dumps(plain(result), allow_nan=False, indent=1))
-    figure = draw_session(session, recording.pulses, truth, title, result.trains)
-    with style():
-        save_figure(figure, folder / 'session.png', folder / 'session.svg')

@@ -3,7 +3,6 @@
 """``rpms live``: a running session in the browser."""
 
 import argparse
-import socket
 from functools import partial
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -77,8 +76,8 @@ def print_address(listening: str, url: str, token: str) -> None:
     Parameters
     ----------
     listening : str
-        Address that was asked for: if it is every address of the machine, the one for others is
-        printed too.
+        Address that was asked for: if it is every address of the machine, the form of those for
+        others is printed too.
     url : str
         Address of the page on this machine.
     token : str
@@ -88,16 +87,4 @@ def print_address(listening: str, url: str, token: str) -> None:
     print(f'{url}{fragment}', flush=True)
     if listening == EVERYWHERE:
         port = urlsplit(url).port
-        print(f'elsewhere: http://{address_for_others()}:{port}/{fragment}', flush=True)
-
-
-def address_for_others() -> str:
-    """Return this machine's address in its network, or what stands for it where there is none."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            # of an address for documents, to which nothing is sent: it chooses the interface
-            probe.connect(('192.0.2.1', 9))
-        except OSError:
-            return '<address of this machine>'
-        found: str = probe.getsockname()[0]
-        return found
+        print(f'elsewhere: http://ADDRESS-OF-THIS-MACHINE:{port}/{fragment}', flush=True)

@@ -4,11 +4,10 @@
 
 import argparse
 import json
-import sys
 import textwrap
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rpms_ros.cli.files import add_signal_options
 from rpms_ros.cli.options import (
@@ -30,9 +29,6 @@ from rpms_ros.schema import plain
 
 if TYPE_CHECKING:
     from rpms_ros.recording import Recording, RecordingFacts
-
-
-_FACTS = ('custom', 'schedules', 'faults', 'remarks')
 
 
 def add_info(subparsers: Subparsers) -> None:
@@ -66,8 +62,7 @@ def run_info(arguments: argparse.Namespace) -> int:
         with progress('reading', None, 'messages', arguments.quiet) as advance:
             facts = read_facts(arguments.bag, advance, arguments.max_memory)
     if arguments.json:
-        json.dump(as_document(facts), sys.stdout, indent=2)
-        print()
+        print(json.dumps(plain(facts), indent=2, default=str))
     else:
         print(as_text(facts))
     return 1 if facts.faults else 0
@@ -85,25 +80,6 @@ def _facts_of_file(recording: 'Recording') -> 'RecordingFacts':
         if len(stamps)
     )
     return replace(recording.facts, topics=topics)
-
-
-def as_document(facts: 'RecordingFacts') -> dict[str, Any]:
-    """Return the facts as JSON takes them; times in s."""
-    return {
-        'recording': str(facts.path),
-        'storage': facts.storage,
-        'topics': [
-            {
-                'name': topic.name,
-                'type': topic.type_name,
-                'messages': topic.count,
-                'first_s': topic.first_ns / NANOSECONDS_PER_SECOND,
-                'duration_s': (topic.last_ns - topic.first_ns) / NANOSECONDS_PER_SECOND,
-            }
-            for topic in facts.topics
-        ],
-        **{name: plain(getattr(facts, name)) for name in _FACTS},
-    }
 
 
 def as_text(facts: 'RecordingFacts') -> str:

@@ -7,7 +7,6 @@ import json
 import shlex
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rpms_ros.cli.files import add_signal_options
 from rpms_ros.cli.options import (
@@ -27,9 +26,6 @@ from rpms_ros.cli.options import (
 )
 from rpms_ros.report.text import write_text
 
-if TYPE_CHECKING:
-    from rpms_ros.report.session import SessionReport
-
 
 def add_report(subparsers: Subparsers) -> None:
     """Add `rpms report`."""
@@ -42,8 +38,6 @@ def add_report(subparsers: Subparsers) -> None:
     parser.add_argument('--json', action='store_true', help=text)
     text = 'headline; the note "muscle" or the name of the recording if not given'
     add_option(parser, '--title TEXT', None, text)
-    text = 'share of the time at the end that is predicted, not learnt from'
-    add_option(parser, '--held-out SHARE', 0.2, text)
     add_reading_options(parser)
     add_estimator_options(parser)
     add_verdict_option(parser)
@@ -54,20 +48,37 @@ def run(arguments: argparse.Namespace) -> int:
     """Write the report; return the exit code of the verdict.
 
     Identifies a recording as `rpms identify` does and writes one self-contained page: recruitment,
-    impulse response, time courses, force with zoom, residual analysis, held-out fit, faults,
-    schedule and energy, session facts.
+    impulse response, time courses, force, residual analysis, faults, schedule and energy,
+    session facts.
 
     Examples
     --------
       rpms report bags/sample --out report.html
       rpms report session --files figures            PNG, SVG and JSON files beside the page
-      rpms report session --json | jq .held_out      one JSON object on stdout
+      rpms report session --json | jq .headline      one JSON object on stdout
     """
+    from rpms_ros.recording.importing import is_foreign
     from rpms_ros.report.figures import write_figures
     from rpms_ros.report.page import as_page
+    from rpms_ros.report.recorded import RecordedMessages, recorded_messages
+    from rpms_ros.report.result import IdentificationOptions, identified, result_of
+    from rpms_ros.report.session import report_of
     from rpms_ros.schema import plain
 
-    report = _report(arguments)
+    options = options_of(IdentificationOptions, arguments)
+    recording = read(arguments.bag, arguments)
+    messages = RecordedMessages()
+    if not is_foreign(arguments.bag):
+        messages = recorded_messages(arguments.bag, memory=arguments.max_memory)
+    noted = recording.facts.custom.get('muscle', '').strip()
+    title = arguments.title or noted or arguments.bag.resolve().name
+    command = shlex.join(['rpms', *sys.argv[1:]]) if sys.argv[1:2] == ['report'] else ''
+    compile_estimator(options.build, arguments.quiet)
+    count = len(recording.forces)
+    with progress('identifying', count, 'samples', arguments.quiet) as advance:
+        session = identified(recording, options, advance)
+    result = result_of(recording, session, arguments.expected_force)
+    report = report_of(title, recording, messages, session, result, command)
     document, verdict = plain(report), report.result.verdict
     write_text(arguments.out, as_page(report))
     if arguments.files:
@@ -81,26 +92,3 @@ def run(arguments: argparse.Namespace) -> int:
         print(f'{arguments.out}: {arguments.out.stat().st_size / 1e6:.2f} MB')
     warn(('warning', text) for text in report.remarks)
     return verdict_code(verdict.grade, report.recording)
-
-
-def _report(arguments: argparse.Namespace) -> 'SessionReport':
-    from rpms_ros.recording.importing import is_foreign
-    from rpms_ros.report.recorded import RecordedMessages, recorded_messages
-    from rpms_ros.report.result import IdentificationOptions, identified, result_of
-    from rpms_ros.report.session import report_of
-
-    options = options_of(IdentificationOptions, arguments)
-    recording = read(arguments.bag, arguments)
-    messages = RecordedMessages()
-    if not is_foreign(arguments.bag):
-        messages = recorded_messages(arguments.bag, memory=arguments.max_memory)
-    noted = recording.facts.custom.get('muscle', '').strip()
-    title = arguments.title or noted or arguments.bag.resolve().name
-    command = shlex.join(['rpms', *sys.argv[1:]]) if sys.argv[1:2] == ['report'] else ''
-    compile_estimator(options.build, arguments.quiet)
-    count = 2 * len(recording.forces)
-    with progress('identifying', count, 'samples', arguments.quiet) as advance:
-        session = identified(recording, options, advance)
-        result = result_of(recording, session, arguments.expected_force)
-        found = (recording, messages, session, result, options.build())
-        return report_of(title, *found, arguments.held_out, command, advance)

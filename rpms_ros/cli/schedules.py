@@ -5,7 +5,6 @@
 import argparse
 import json
 import os
-from dataclasses import asdict
 from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from rpms_ros.cli.options import Subparsers, add_command, add_option
 from rpms_ros.errors import StimulationError
 from rpms_ros.printable import counted
+from rpms_ros.schema import plain
 
 if TYPE_CHECKING:
     from rpms_ros.stimulation.limits.device_specification import DeviceSpecification
@@ -144,11 +144,7 @@ def run_check(arguments: argparse.Namespace) -> int:
         specification = for_session(specification, patient)
     ahead = forecast(schedule, specification, patient.dose if patient else None)
     if arguments.json:
-        violations = [asdict(found) for found in ahead.violations]
-        document = {'deliverable': ahead.deliverable, 'violations': violations}
-        names = ('mean_power_w', 'energy_j', 'max_rate_hz', 'waits_s')
-        document |= {name: getattr(ahead, name) for name in names}
-        print(json.dumps({**document, 'temperature_c': ahead.highest_temperature}))
+        print(json.dumps({'deliverable': ahead.deliverable, **plain(ahead)}))
     else:
         print('\n'.join(report(schedule, specification, ahead, patient)))
     return 0 if ahead.deliverable else 1
@@ -177,33 +173,21 @@ def report(
             f'cut-out {specification.thermal.cutout:g} '
             f'(model, started at {specification.thermal.ambient:g})'
         )
-    lines += _patient(schedule, specification, ahead, patient)
+    if patient is not None:
+        dose, above = patient.dose, schedule.plan.intensity > patient.motor_threshold
+        given = f'{ahead.pulses} of {dose.pulses} pulses'
+        energy = f'{ahead.energy_j:,.0f} of {dose.energy_j:,.0f} J in {dose.window_h:g} h'
+        many = f'{int(above.sum())} of {ahead.pulses} pulses'
+        lines += [
+            f'  dose         {given}, {energy}, without what was given before',
+            f'  threshold    {many} above the motor threshold {patient.motor_threshold:g}',
+        ]
+    elif not specification.simulated_only:
+        lines.append("  patient      none: the device's limits alone")
     for found in ahead.violations:
         where = f'    first at {found.time_s:.4g} s, {counted(found.pulses, "pulse")}'
         lines += [f'  {found.limit}: {found.reason}', where]
     return lines
-
-
-def _patient(
-    schedule: 'Schedule',
-    specification: 'DeviceSpecification',
-    ahead: 'Forecast',
-    patient: 'Patient | None',
-) -> list[str]:
-    if patient is None:
-        real = not specification.simulated_only
-        return ["  patient      none: the device's limits alone"] if real else []
-    dose, above = patient.dose, schedule.plan.intensity > patient.motor_threshold
-    return [
-        (
-            f'  dose         {ahead.pulses} of {dose.pulses} pulses, {ahead.energy_j:,.0f} of '
-            f'{dose.energy_j:,.0f} J in {dose.window_h:g} h, without what was given before'
-        ),
-        (
-            f'  threshold    {int(above.sum())} of {ahead.pulses} pulses above the motor '
-            f'threshold {patient.motor_threshold:g}'
-        ),
-    ]
 
 
 def _waits(waits: tuple[float, ...]) -> str:

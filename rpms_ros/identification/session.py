@@ -75,8 +75,7 @@ def output_error(
     kept = settled(stamp_ns) & usable & np.isfinite(prediction)
     if not kept.any():
         return OutputError(math.nan, math.nan)
-    # Not by BLAS, whose last bits depend on the number of its threads: the results of a study
-    # would depend on the number of its processes.
+    # Not by BLAS, whose last bits depend on the number of its threads.
     newton = math.sqrt(float(np.mean(np.square(force[kept] - prediction[kept]))))
     span = float(np.ptp(force[usable]))
     return OutputError(newton, newton / span if span > 0.0 else math.nan)

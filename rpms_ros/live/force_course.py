@@ -8,28 +8,22 @@ the amount that is sent does not grow with the rate of the sensor.  Bins are kep
 Beside it the force that the newest estimate gives for the pulses that were delivered: the response
 to one pulse at full intensity, times the recruitment of each pulse relative to full intensity,
 Eq. (30), summed over the pulses, plus the newest level of the baseline if the estimate has one.
-
-Samples are read from the bytes of their messages, many at once.  A serialised
-geometry_msgs/WrenchStamped is four bytes that tell the order of the others, the stamp as two
-integers of four, the frame as its length and its text, and then, at a multiple of eight bytes
-behind the first four, three numbers of the force and three of the torque.
 """
 
 import math
-import struct
 from collections import deque
-from collections.abc import Iterator, Sequence
-from functools import lru_cache
-from itertools import groupby
+from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
-import numpy.typing as npt
 
 from rpms_ros.axis import FORCE, Axis, along
-from rpms_ros.errors import MessageError
 from rpms_ros.identification.model.estimate import Estimate
 from rpms_ros.muscle.recruitment import RecruitmentParameters, identified_recruitment
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray
+from rpms_ros.recording.rosbag.definitions import WRENCH_STAMPED
+from rpms_ros.recording.rosbag.records import Channel, Records
+from rpms_ros.recording.rosbag.topic_reading import NANOSECOND, SECOND, SENSOR_TYPES, Decoder
 
 BIN_NS = 5_000_000
 KEPT = 6000
@@ -167,7 +161,9 @@ class ModelledForce:
 
 
 def warm_up() -> None:
-    """Compile beforehand: the page would stand still at the first pulse."""
+    """Compile and load beforehand: the page would stand still at the first pulse."""
+    for quantity in SENSOR_TYPES:
+        _decoder(quantity)
     identified_recruitment(RecruitmentParameters(0.3, 0.7, 6.0), np.ones(1))
 
 
@@ -177,60 +173,25 @@ def _baseline(estimate: Estimate) -> float:
     return levels[-1] if levels and math.isfinite(levels[-1]) else 0.0
 
 
-_ORDER, _FRAME = slice(1, 2), slice(12, 16)
-_SHORTEST = 16
-_VECTOR_BYTES = 24
-
-
-def alike(messages: Sequence[bytes]) -> Iterator[list[bytes]]:
-    """Yield messages, in their order, in runs of one length, byte order and frame length."""
-    for _, run in groupby(messages, key=_layout):
-        yield list(run)
+@cache
+def _decoder(quantity: str) -> Decoder:
+    wanted = SENSOR_TYPES[quantity][WRENCH_STAMPED]
+    return Decoder(Channel(FORCE, WRENCH_STAMPED), (*wanted, SECOND, NANOSECOND))
 
 
 def forces_of(
     messages: Sequence[bytes], axis: Axis, quantity: str = FORCE
 ) -> tuple[IntArray, FloatArray]:
-    """Return stamps [ns] and forces along `axis` [N], each (n,), of messages that are `alike`.
+    """Return stamps [ns] and forces along `axis` [N], each (n,), of geometry_msgs/WrenchStamped.
 
     Of a sensor of `TORQUE` it is the torque about the axis [N m].  Each is what
-    `rpms_ros.messages.force_of` makes of the message, in every bit.
-
-    Raises
-    ------
-    MessageError
-        If the bytes are too few for this message.
+    `rpms_ros.messages.force_of` makes of the message, in every bit; those that cannot be decoded
+    are left out.
     """
-    read = np.frombuffer(b''.join(messages), _type_of(_layout(messages[0]), quantity))
-    stamp_ns = read['seconds'].astype(np.int64) * NANOSECONDS_PER_SECOND + read['rest']
+    found = _decoder(quantity).decode(Records.of(messages, np.zeros(len(messages), np.int64)))
+    columns = {path: column[found.good] for path, column in found.number.items()}
+    second, nanosecond = (columns[name].astype(np.int64) for name in (SECOND, NANOSECOND))
     # numbers of anybody may be infinite or too large for a sum
     with np.errstate(all='ignore'):
-        force: FloatArray = along(axis, [read[part] for part in 'xyz'])
-    return stamp_ns, force.astype(np.float64, copy=False)
-
-
-def _layout(message: bytes) -> tuple[int, bytes, bytes]:
-    return len(message), message[_ORDER], message[_FRAME]
-
-
-@lru_cache(maxsize=16)
-def _type_of(layout: tuple[int, bytes, bytes], quantity: str) -> npt.DTypeLike:
-    length, order_byte, frame = layout
-    order, start, least = '<', 0, _SHORTEST
-    if length >= _SHORTEST:
-        order = '<' if order_byte[0] & 1 else '>'
-        (frame_length,) = struct.unpack(f'{order}I', frame)
-        start = 4 + -(-(12 + frame_length) // 8) * 8 + (0 if quantity == FORCE else _VECTOR_BYTES)
-        least = start + _VECTOR_BYTES
-    if length < least:
-        raise MessageError(
-            f'expected a serialised WrenchStamped of at least {least} bytes, got {length}'
-        )
-    return np.dtype(
-        {
-            'names': ['seconds', 'rest', 'x', 'y', 'z'],
-            'formats': [f'{order}i4', f'{order}u4', *[f'{order}f8'] * 3],
-            'offsets': [4, 8, start, start + 8, start + 16],
-            'itemsize': length,
-        }
-    )
+        force: FloatArray = along(axis, [*columns.values()][:3])
+    return second * NANOSECONDS_PER_SECOND + nanosecond, force.astype(np.float64, copy=False)

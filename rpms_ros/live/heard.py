@@ -6,10 +6,7 @@ from collections import deque
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from rpms_ros.printable import counted
-from rpms_ros.pulses import FloatArray
 
 LONGEST_TEXT = 300
 MOST_NAMES = 60
@@ -38,19 +35,6 @@ def text(value: object) -> str:
 def texts(values: Iterable[object]) -> list[str]:
     """Return the first texts of many."""
     return [text(value) for _, value in zip(range(MOST_NAMES), values, strict=False)]
-
-
-def thinned(length: int, most: int) -> slice | FloatArray:
-    """Return which of `length` elements to show so that there are at most `most`, ends included.
-
-    Returns
-    -------
-    slice or ndarray of int, shape (most,)
-        An index of an array.
-    """
-    if length <= most:
-        return slice(None)
-    return np.unique(np.linspace(0, length - 1, most).astype(np.int64))
 
 
 OK, QUIET, SILENT, NEVER = 'ok', 'quiet', 'silent', 'never'

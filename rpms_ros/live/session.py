@@ -15,20 +15,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from rpms_ros.identification.analysis.trains import evenly
 from rpms_ros.identification.model.estimate import Estimate
 from rpms_ros.identification.quality.doubts import MEANING, meaning_of_doubt
 from rpms_ros.live.force_course import BIN_NS, ForceBins, ModelledForce
-from rpms_ros.live.heard import (
-    MOST_NAMES,
-    OK,
-    SILENT,
-    Topic,
-    number,
-    numbers,
-    text,
-    texts,
-    thinned,
-)
+from rpms_ros.live.heard import MOST_NAMES, OK, SILENT, Topic, number, numbers, text, texts
 from rpms_ros.muscle.recruitment import PARAMETER_NAMES
 from rpms_ros.printable import counted
 from rpms_ros.pulses import FloatArray, IntArray, Pulse
@@ -181,7 +172,7 @@ def _curve(estimate: Estimate, name: str, along: str) -> dict[str, Any] | None:
     count = len(lines['along'])
     if not count or len(lines['force']) != count:
         return None
-    shown = thinned(count, MOST_POINTS)
+    shown = evenly(count, MOST_POINTS)
     return {
         part: numbers(line[shown]) if len(line) == count else None for part, line in lines.items()
     }

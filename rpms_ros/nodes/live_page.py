@@ -36,7 +36,7 @@ from rpms_ros import estimate_messages, messages
 from rpms_ros.axis import FORCE, UNITS, Axis, unit_vector
 from rpms_ros.errors import MessageError, NodeError
 from rpms_ros.live import session as shown
-from rpms_ros.live.force_course import alike, forces_of, warm_up
+from rpms_ros.live.force_course import forces_of, warm_up
 from rpms_ros.live.heard import Publisher, Topic
 from rpms_ros.live.server import Access, LiveServer, token_of
 from rpms_ros.live.session import LiveSession
@@ -96,7 +96,7 @@ class LiveListener:
         # pulses first: the force that they cause is modelled with them
         for data in self._heard(shown.PULSES, now):
             self._read(shown.PULSES, self._pulse, data)
-        for samples in alike(self._heard(shown.FORCE, now)):
+        if samples := self._heard(shown.FORCE, now):
             self._read(shown.FORCE, self._force, samples)
         self._unread = self._heard(shown.ESTIMATE, now)[-1:] or self._unread
         if self._unread and now >= self._next_estimate:
@@ -131,7 +131,10 @@ class LiveListener:
             self._session.topics[key].refused = str(error)
 
     def _force(self, samples: list[bytes]) -> None:
-        self._session.force(*forces_of(samples, self._axis, self._quantity))
+        stamp_ns, force = forces_of(samples, self._axis, self._quantity)
+        self._session.force(stamp_ns, force)
+        if bad := len(samples) - len(stamp_ns):
+            raise MessageError(f'expected serialised WrenchStamped, got {bad} that are none')
 
     def _pulse(self, data: bytes) -> None:
         self._session.pulse(messages.pulse_of(_message(data, Pulse)))

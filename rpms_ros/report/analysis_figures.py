@@ -200,8 +200,8 @@ def _name(train: TrainAnalysis) -> str:
 
 def draw_field(found: FieldAnalysis, title: str = '') -> Figure:
     """Return steady force by intensity at each rate, and by rate (Figs. 9 and 10)."""
-    figure = _figure(11.0, 4.2, title)
-    by_intensity, by_rate, shape = figure.subplots(1, 3)
+    figure = _figure(8.0, 4.2, title)
+    by_intensity, by_rate = figure.subplots(1, 2)
     rates = np.array([point.rate_hz for point in found.points])
     levels = np.array([point.intensity for point in found.points])
     force = np.array([point.force for point in found.points])
@@ -218,16 +218,7 @@ def draw_field(found: FieldAnalysis, title: str = '') -> Figure:
         lambda level: (f, found.recruitment(level, f)), '{:.0%}',
     )  # fmt: skip
     by_rate.set(xlabel='repetition rate [Hz]', ylabel=r'$\rho$')
-    zero, full = found.recruitment.by_intensity(np.array([0.0, 1.0]))
-    share = (found.recruitment.by_intensity(u) - zero) / (full - zero)
-    shape.plot(100 * u, share, color='black', lw=1.2, label=r'$\rho_u$, Eq. (9)')
-    points = 100 * found.monotone_intensity, found.monotone_share
-    _draw_points(shape, *points, 1, 'monotone regression')
-    shape.set(xlabel='intensity [%]', ylabel=r'$\rho_u$')
-    shape.set_title(
-        f'interval +-{found.worst_interval:.2%}, shape {found.shape_difference:.2%}', fontsize=9
-    )
-    shape.legend(fontsize=8)
+    by_rate.set_title(f'interval +-{found.worst_interval:.2%}', fontsize=9)
     return figure
 
 

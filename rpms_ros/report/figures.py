@@ -36,7 +36,7 @@ from rpms_ros.report.analysis_figures import draw_trains, save_figure
 from rpms_ros.report.course import Course, TimeCourse, course_of
 from rpms_ros.report.dose import Dose, dose_of
 from rpms_ros.report.known_muscle import KnownMuscle
-from rpms_ros.report.residuals import HeldOutFit, ResidualAnalysis
+from rpms_ros.report.residuals import ResidualAnalysis
 from rpms_ros.report.result import impulse_response
 from rpms_ros.report.session import SessionReport
 
@@ -45,8 +45,8 @@ MEASURED, MODELLED, BAND, FAINT = '#a0a0a0', '#000000', '#dcdcdc', '#6e6e6e'
 _SEEN = 2e-3
 # How much of the force is shown [s].
 _SHOWN = 4.0
-# More bars, or points in a line, than this are not distinguishable in print.
-_MOST_BARS, _MOST_POINTS = 1000, 2000
+# More marks, or points in a line, than this are not distinguishable in print.
+_MOST_MARKS, _MOST_POINTS = 1000, 2000
 
 
 def begin_of_response(force: FloatArray) -> int:
@@ -146,29 +146,12 @@ def draw_worst(axes: list[Axes], session: IdentifiedSession) -> None:
 
 
 def _force_of(axes: list[Axes], session: IdentifiedSession, kept: BoolArray, where: str) -> None:
-    unit, time = session.last.unit, _elapsed(session.stamp_ns, session)[kept]
-    axes[0].set_title(f'{QUANTITIES[unit].capitalize()}, {where}')
-    _force_and_residual(axes, time, session.force[kept], session.shown_prediction[kept], unit)
-
-
-def draw_held_out(axes: list[Axes], session: IdentifiedSession, fit: HeldOutFit | None) -> None:
-    """Draw measured and modelled force over the part that was held out."""
-    if fit is None:
-        note(axes[0], 'nothing could be held out')
-        return
-    time = _elapsed(fit.stamp_ns, session)
-    kept = time <= time[0] + _SHOWN
-    shown = float(time[kept][-1] - time[0])
-    axes[0].set_title(f'Held out: the first {shown:.3g} s after learning stopped')
-    _force_and_residual(axes, time[kept], fit.force[kept], fit.prediction[kept], session.last.unit)
-
-
-def _force_and_residual(
-    axes: list[Axes], time: FloatArray, force: FloatArray, prediction: FloatArray, unit: str
-) -> None:
-    upper, lower = axes
-    step = max(1, len(time) // _MOST_POINTS)
-    time, force, prediction = time[::step], force[::step], prediction[::step]
+    (upper, lower), unit = axes, session.last.unit
+    chosen = np.flatnonzero(kept)
+    chosen = chosen[:: max(1, len(chosen) // _MOST_POINTS)]
+    time = _elapsed(session.stamp_ns, session)[chosen]
+    force, prediction = session.force[chosen], session.shown_prediction[chosen]
+    upper.set_title(f'{QUANTITIES[unit].capitalize()}, {where}')
     upper.plot(time, force, color=MEASURED, lw=3.0, label='measured')
     upper.plot(time, prediction, color=MODELLED, lw=0.9, label='modelled, predicted')
     upper.set_ylabel(quantity(unit))
@@ -214,16 +197,8 @@ def draw_schedule(axes: list[Axes], dose: Dose) -> None:
     if not len(time):
         note(axes[0], 'no pulses')
         return
-    if len(time) <= _MOST_BARS:
-        # one line with gaps, which is shorter in SVG than a line for each pulse
-        bars = np.stack([np.zeros_like(time), intensity, np.full_like(time, np.nan)], axis=1)
-        axes[0].plot(np.repeat(time, 3), bars.ravel(), color=MEASURED, lw=0.6)
-        axes[0].plot(time, intensity, '.', color=MODELLED, ms=2.5)
-    else:
-        starts = np.linspace(0, len(time), _MOST_BARS // 2, endpoint=False).astype(int)
-        low = np.minimum.reduceat(intensity, starts)
-        high = np.maximum.reduceat(intensity, starts)
-        axes[0].fill_between(time[starts], low, high, color=MEASURED, lw=0.4, ec=MODELLED)
+    # many are one picture, which is shorter in SVG than a mark for each pulse
+    axes[0].plot(time, intensity, '.', color=MODELLED, ms=2.5, rasterized=len(time) > _MOST_MARKS)
     axes[1].plot(time, np.cumsum(intensity**2), color=MODELLED, lw=1.2, drawstyle='steps-post')
 
 
@@ -377,12 +352,11 @@ FIGURES: dict[str, tuple[Callable[..., None], tuple[str, ...], float, int]] = {
     'force': (draw_force, ('identified', 'schedule'), 4.4, 2),
     'worst': (draw_worst, ('identified',), 4.4, 2),
     'residuals': (draw_residuals, ('residuals',), 4.4, 2),
-    'held_out': (draw_held_out, ('identified', 'held_out'), 4.4, 2),
     'schedule': (draw_schedule, ('schedule',), 4.4, 2),
 }
 """What draws each figure, from what of a report, its height [inch] and its panels, by name."""
 
-OF_THE_ESTIMATOR = ('parameters', 'worst', 'residuals', 'held_out')
+OF_THE_ESTIMATOR = ('parameters', 'worst', 'residuals')
 """Those that have no meaning where trains stand for the estimate."""
 
 _STYLE: dict[Any, Any] = {

@@ -43,9 +43,6 @@ class Judgement:
     worst_error: float = documented('worst error of any estimate after `since_s`')
     worst_at_s: float = documented('time of that estimate [s]')
     since_s: float = documented('from when on estimates count [s]')
-    inside_band: float | None = documented(
-        'share of the curve, over these estimates, that lies inside its band', default=None
-    )
 
     @property
     def sentence(self) -> str:
@@ -59,8 +56,6 @@ class Judgement:
                 f', and at most {100 * self.worst_error:.2g} % at any time from '
                 f'{self.since_s:.0f} s on (at {self.worst_at_s:.0f} s)'
             )
-        if self.inside_band is not None:
-            text += f'; {100 * self.inside_band:.0f} % of it lies inside its band'
         return f'{text}.'
 
 
@@ -142,15 +137,6 @@ class KnownMuscle:
         found = np.interp(self.intensity, estimate.curve_intensity, estimate.curve_force)
         return float(np.abs(found - true).max() / true.max())
 
-    def inside(self, estimate: Estimate) -> float:
-        """Return the share of the true curve that lies inside the band, NaN without one."""
-        if not self.comparable(estimate) or not len(estimate.curve_upper):
-            return float('nan')
-        true = self.curve_at(estimate.stamp_ns)
-        ends = (estimate.curve_lower, estimate.curve_upper)
-        lower, upper = (np.interp(self.intensity, estimate.curve_intensity, end) for end in ends)
-        return float(np.mean((lower <= true) & (true <= upper)))
-
     def judged(self, course: Course) -> Judgement | None:
         """Return the errors of a session's curves, None if the true ones are not known."""
         since = min(SETTLED_S, 0.5 * course.end_s)
@@ -160,13 +146,11 @@ class KnownMuscle:
             return None
         worst = int(np.nanargmax(errors))
         worst_ns = late[worst].stamp_ns - course.start_ns
-        inside = np.array([self.inside(one) for one in late])
         return Judgement(
             error_at_the_end=float(errors[-1]),
             worst_error=float(errors[worst]),
             worst_at_s=worst_ns / NANOSECONDS_PER_SECOND if len(late) > 1 else 0.0,
             since_s=since,
-            inside_band=float(np.nanmean(inside)) if np.isfinite(inside).any() else None,
         )
 
 

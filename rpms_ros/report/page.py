@@ -35,7 +35,7 @@ SECTIONS = {
     'response': 'Impulse response and physiology',
     'parameters': 'Time courses',
     'force': 'Force, measured and modelled',
-    'residuals': 'Residuals and held-out fit',
+    'residuals': 'Residuals',
     'faults': 'Faults',
     'schedule': 'Schedule and energy',
     'session': 'Session',

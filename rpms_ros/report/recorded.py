@@ -19,8 +19,8 @@ from rpms_ros import estimate_messages, messages
 from rpms_ros.errors import MessageError, RecordingError
 from rpms_ros.identification import Estimate
 from rpms_ros.muscle.simulation import Truth
-from rpms_ros.pulses import FloatArray
-from rpms_ros.recording.export import EstimateTable
+from rpms_ros.printable import printable, spreadsheet_text
+from rpms_ros.pulses import FloatArray, IntArray
 from rpms_ros.recording.rosbag.definitions import MUSCLE_ESTIMATE
 from rpms_ros.recording.rosbag.reading import decoded
 from rpms_ros.recording.rosbag.scan import Scan
@@ -180,28 +180,23 @@ _SAME = (
 )
 
 
-def estimate_table(estimates: Sequence[Estimate]) -> EstimateTable:
-    """Return estimates as a table.
+def estimate_table(estimates: Sequence[Estimate]) -> tuple[IntArray, dict[str, list[str | float]]]:
+    """Return the newest sample (estimates,) [ns] of estimates, and their cells by column.
 
-    Columns: the parameters by their names, each with its standard deviation and whether the data
-    determine it; steady force at a quarter, half, three quarters and all of the intensity and the
-    numbers of the response, each with the ends of its interval; rates of change, disturbance,
-    output error, counts; name of the estimator, faults and doubts.
+    Columns: name of the estimator, faults and doubts; the parameters by their names, each with its
+    standard deviation and whether the data determine it; steady force at a quarter, half, three
+    quarters and all of the intensity and the numbers of the response, each with the ends of its
+    interval; rates of change, disturbance, output error, counts.  Cells without a value are empty.
 
     Parameters
     ----------
     estimates : sequence of Estimate
         In their order.
     """
-    rows = [_numbers(one) for one in estimates]
-    texts = [_texts(one) for one in estimates]
-    numbers = dict.fromkeys(chain.from_iterable(rows))
-    words = dict.fromkeys(chain.from_iterable(texts))
-    return EstimateTable(
-        np.array([one.stamp_ns for one in estimates], dtype=np.int64),
-        {name: np.array([row.get(name, np.nan) for row in rows]) for name in numbers},
-        {name: [row.get(name, '') for row in texts] for name in words},
-    )
+    rows: list[dict[str, str | float]] = [{**_texts(one), **_numbers(one)} for one in estimates]
+    names = dict.fromkeys(chain.from_iterable(rows))
+    stamp_ns = np.array([one.stamp_ns for one in estimates], dtype=np.int64)
+    return stamp_ns, {name: [row.get(name, '') for row in rows] for name in names}
 
 
 def _numbers(one: Estimate) -> dict[str, float]:
@@ -243,7 +238,8 @@ def _texts(one: Estimate) -> dict[str, str]:
     flags = one.nonlinear_identifiability.tolist()
     for name, flag in zip(one.nonlinear_names, flags, strict=False):
         found[f'{name}_determined'] = IDENTIFIABILITY.get(flag, '')
-    return found
+    # no text that a spreadsheet would run
+    return {name: spreadsheet_text(printable(text)) for name, text in found.items()}
 
 
 @dataclass(frozen=True)

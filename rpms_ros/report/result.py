@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The result of an identification as one object: what ``rpms identify --json`` prints.
 
-Its dataclasses are also what the report of a session, the row of a study and `rpms_ros.api` show.
+Its dataclasses are also what the report of a session and `rpms_ros.api` show.
 """
 
 from collections.abc import Callable, Sequence
@@ -470,7 +470,7 @@ def _found(result: IdentificationResult) -> list[tuple[str, str]]:
             rows.append((what, f'{force} at intensity {share:g}'))
             what = ''
     if result.dynamics is not None:
-        return rows + _train_rows(result.dynamics, unit)
+        return rows + train_rows(result.dynamics, unit)
     for name, one in (result.physiology or {}).items():
         rows.append((label(name), shown(name, vars(one), unit)))
     response = result.impulse_response
@@ -480,7 +480,7 @@ def _found(result: IdentificationResult) -> list[tuple[str, str]]:
     return [*rows, ('', NOT_A_TWITCH)] if result.is_no_twitch else rows
 
 
-def _train_rows(found: TrainDynamics, unit: str) -> list[tuple[str, str]]:
+def train_rows(found: TrainDynamics, unit: str) -> list[tuple[str, str]]:
     """Return the rows of trains of one intensity."""
     onset, model = found.onset_s, found.model
     trains = f'{found.trains} of {found.pulses} pulses at {found.rate_hz:.4g} Hz'

@@ -2,14 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The report of one session, computed before anything is drawn; its fields are its JSON document.
 
-It is the result of the identification with its course over time, residuals, held-out fit, dose,
-facts of the recording and a sentence for a paper.
+It is the result of the identification with its course over time, residuals, dose, facts of the
+recording and a sentence for a paper.
 """
 
 import platform
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from importlib.metadata import PackageNotFoundError, version
+from dataclasses import dataclass
+from importlib.metadata import version
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ import numpy as np
 from rpms_ros import __version__
 from rpms_ros.axis import QUANTITIES
 from rpms_ros.errors import ReportError
-from rpms_ros.identification import Estimator, IdentifiedSession
+from rpms_ros.identification import IdentifiedSession
 from rpms_ros.identification.quality.doubts import MEANING
 from rpms_ros.printable import counted
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray
@@ -26,16 +25,8 @@ from rpms_ros.report.course import Course, Flag, course_of, steadiness
 from rpms_ros.report.dose import Dose, dose_of
 from rpms_ros.report.known_muscle import KnownMuscle, known_muscle
 from rpms_ros.report.recorded import DriverTotals, RecordedMessages
-from rpms_ros.report.residuals import (
-    HELD_OUT_SHARE,
-    FrozenFrom,
-    HeldOutFit,
-    ResidualAnalysis,
-    analyse_residuals,
-    boundary,
-    held_out_fit,
-)
-from rpms_ros.report.result import NOT_A_TWITCH, IdentificationResult, replayed
+from rpms_ros.report.residuals import ResidualAnalysis, analyse_residuals
+from rpms_ros.report.result import NOT_A_TWITCH, IdentificationResult
 from rpms_ros.schema import internal, plain
 
 # Share of the time at the end whose a-priori residuals are analysed.
@@ -148,8 +139,6 @@ class SessionReport:
         Errors of the result, where the recording was simulated.
     residuals : ResidualAnalysis or None
         None where they cannot be analysed.
-    held_out : HeldOutFit or None
-        None where nothing could be held out.
     faults : list of dict
         Name, count and meaning of each.
     schedule : Dose
@@ -179,7 +168,6 @@ class SessionReport:
     flags: list[Flag]
     truth: dict[str, Any] | None
     residuals: ResidualAnalysis | None
-    held_out: HeldOutFit | None
     faults: list[dict[str, str | int]]
     schedule: Dose
     driver: DriverTotals | None
@@ -198,10 +186,7 @@ def report_of(
     recorded: RecordedMessages,
     session: IdentifiedSession,
     result: IdentificationResult,
-    estimator: Estimator,
-    held_out_share: float = HELD_OUT_SHARE,
     command: str = '',
-    progress: Callable[[int], object] | None = None,
 ) -> SessionReport:
     """Return the report of a session.
 
@@ -213,19 +198,8 @@ def report_of(
         What was recorded.
     session, result : IdentifiedSession, IdentificationResult
         What was identified, and its result.
-    estimator : Estimator
-        Fresh one for the held-out fit, like that of the session.
-    held_out_share : float
-        Share of the time at the end that is predicted and not learnt from.
     command : str
         The command line that makes the report; empty if there is none.
-    progress : callable, optional
-        Called with the number of samples of the held-out fit processed since the last call.
-
-    Raises
-    ------
-    ReportError
-        If the held-out share is not between 0 and 1.
     """
     notes, course = recording.facts.custom, course_of(session)
     dose = dose_of(recording.pulses, int(session.stamp_ns[0]))
@@ -238,15 +212,9 @@ def report_of(
     kept = session.usable & late
     residual = (session.force - session.prediction)[kept]
     try:
-        found = analyse_residuals(stamps[kept], residual, recording.pulses)
-        residuals = replace(found, share_of_session=_RESIDUAL_SHARE)
+        residuals = analyse_residuals(stamps[kept], residual, recording.pulses)
     except ReportError as error:
         remarks.append(f'no residual analysis: {error}')
-    first_ns = boundary(session.stamp_ns, held_out_share)
-    learnt = replayed(recording, FrozenFrom(estimator, first_ns), progress)
-    held_out = held_out_fit(learnt, first_ns)
-    if held_out is None:
-        remarks.append('no held-out fit: expected a force that changes in the held-out part')
     if recorded.unreadable:
         remarks.append(f'{recorded.unreadable} messages of nodes could not be decoded')
     return SessionReport(
@@ -257,7 +225,6 @@ def report_of(
         flags=course.flags,
         truth={'sentence': judgement.sentence, **plain(judgement)} if judgement else None,
         residuals=residuals,
-        held_out=held_out,
         faults=[
             {'name': name, 'count': n, 'meaning': MEANING.get(name, 'fault of the recording')}
             for name, n in result.faults.items()
@@ -268,7 +235,11 @@ def report_of(
         methods={
             'sentence': _sentence(result, dose),
             'command': command or None,
-            'versions': _versions(),
+            'versions': {
+                'rpms_ros': __version__,
+                'python': platform.python_version(),
+                **{name: version(name) for name in ('numpy', 'scipy', 'numba', 'matplotlib')},
+            },
         },
         remarks=remarks,
         recording=recording,
@@ -276,16 +247,6 @@ def report_of(
         course=course,
         true_muscle=truth,
     )
-
-
-def _versions() -> dict[str, str]:
-    found = {'rpms_ros': __version__, 'python': platform.python_version()}
-    for name in ('numpy', 'scipy', 'numba', 'matplotlib'):
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = 'not installed'
-    return found
 
 
 def _sentence(result: IdentificationResult, dose: Dose) -> str:

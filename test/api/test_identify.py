@@ -68,8 +68,7 @@ def test_the_text_is_that_of_the_command(found, tmp_path, capsys):
     assert capsys.readouterr().out.splitlines()[1:] == str(found).splitlines()[1:]
     assert str(found).startswith('simulated, uniform_random\n  verdict ')
     shown = replace(found, session=replace(found.session, name='<b>leg</b>'))._repr_html_()
-    assert '<p>&lt;b&gt;leg&lt;/b&gt;</p>' in shown
-    assert '<th>verdict</th><td>good: the identified muscle explains' in shown
+    assert shown.startswith('<pre>&lt;b&gt;leg&lt;/b&gt;\n  verdict')
     assert repr(found) == (
         f"Identification('simulated, uniform_random', 'batch', {found.verdict.line!r})"
     )

@@ -26,21 +26,18 @@ def write(path):
         log.append('reset', {'who': 'operator-b'})
 
 
-def test_a_whole_log_of_which_kinds_can_be_chosen(path, rpms):
+def test_a_whole_log(path, rpms):
     write(path)
     code, out, err = rpms('audit', path)
     assert (code, err) == (0, '')
     assert f'{path}: 6 records, whole' in out
     assert 'arm 1, limits 1, refusal 1, reset 1, session 1' in out
-    assert 'UTC: who operator-a, device rapid2-240v, patient P01' in out
-    assert 'figures (maximum_intensity 0.55, maximum_rate_hz 50)' in out
+    assert 'UTC: {"who": "operator-a", "device": "rapid2-240v", "patient": "P01"}' in out
+    assert '"figures": {"maximum_intensity": 0.55, "maximum_rate_hz": 50.0}' in out
     # nothing that is logged reaches the terminal as it came
-    assert r'reason \x1b[2Jexpected\n\ud800' in out
+    assert r'"reason": "\u001b[2Jexpected\n\ud800"' in out
     assert 'newest hash  ' in out
-    _, out, _ = rpms('audit', path, '--only', 'refusal,reset')
-    assert 'who operator-b' in out
-    assert 'session at' in out
-    assert '  arm ' not in out.partition('session at')[2]
+    assert '"who": "operator-b"' in out
 
 
 def test_the_first_broken_record_is_named(path, rpms):

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """rpms identify: one JSON object, a table, figures; what it says when something is wrong."""
 
-import csv
 import json
 import os
 import re
@@ -169,7 +168,7 @@ def test_trains_of_one_intensity_give_their_dynamics(rpms, tmp_path):
     delay = r'delay of the model, equal pulses [89]\.\d+ ms'
     assert re.search(rf'T_a, equal pulses 1\d\.\d+ ms .*{delay}', words)
     analyzed = ' '.join(rpms('analyze', tmp_path / 'train')[1].split())
-    assert re.search(rf'T_a, equal pulses 1\d\.\d+ ms {delay}', analyzed)
+    assert re.search(rf'T_a, equal pulses 1\d\.\d+ ms .*{delay}', analyzed)
     assert 'verdict good: dynamics only' in words
     assert re.search(r'fit equal pulses \d+\.\d %, a gain a pulse \d+\.\d %', words)
     assert '(100 (1 - |residual| / |force - mean|))' in words
@@ -192,18 +191,6 @@ def test_trains_of_one_intensity_give_their_dynamics(rpms, tmp_path):
         out.split()
     )
     assert 'T_a' not in out
-    rpms('study', tmp_path / 'train', '--out', tmp_path / 'table', '--jobs', 1)
-    with (tmp_path / 'table' / 'results.csv').open(newline='') as file:
-        (row,) = csv.DictReader(file)
-    assert row['verdict'] == 'good'
-    assert row['train_model'] == 'equal pulses'
-    assert float(row['train_rate_hz']) == pytest.approx(50.0)
-    assert float(row['train_fit_percent']) > 98.0
-    # those are of the estimator
-    assert (row['output_error_n'], row['output_error_of_range']) == ('', '')
-    for name in ('onset_s', 'twitch_time_constant_s', 'latency_s'):
-        lower, value, upper = (float(row[f'{name}{end}']) for end in ('_lower', '', '_upper'))
-        assert lower <= value <= upper
 
 
 def test_a_session_starts_from_the_result_of_another(rpms, as_json, short_session, tmp_path):

@@ -48,15 +48,12 @@ def test_the_title_is_the_muscle_that_the_notes_name(as_json, short_session, tmp
 
 def test_what_is_stated_goes_into_the_page(rpms, short_session, tmp_path):
     page = tmp_path / 'report.html'
-    code, out, err = rpms(
-        'report', short_session, '--out', page, '--title', 'Leg 7', '--held-out', '0.5'
-    )
+    code, out, err = rpms('report', short_session, '--out', page, '--title', 'Leg 7')
     assert (code, err) == (0, '')
     assert out.startswith('verdict good: the identified muscle explains')
     assert f'\n{page}: ' in out
     document = embedded(page.read_text())
     assert document['title'] == 'Leg 7'
-    assert document['held_out']['held_out_s'] == pytest.approx(5.0, abs=2e-3)
 
 
 TEXT = 'name: warm-up\nsegments: [{kind: single}]\n'
@@ -153,6 +150,3 @@ def test_every_command_that_reads_keeps_to_its_memory(rpms, short_session, tmp_p
         assert (code, out) == (2, ''), command
         assert refused in err
         assert err.count('\n') == 1
-    code, _, err = rpms('study', short_session, '--out', tmp_path / 'study', '--jobs', 1, *bound)
-    assert code == 1
-    assert refused in err

@@ -57,7 +57,7 @@ MARK = re.compile(
     r'(?:not run|stopped after (?P<seconds>\d+) s): (?P<reason>.{10,})|file: (?P<file>\S+)'
 )
 # These end with the verdict on the data: good, doubtful, no.
-GRADED = ('rpms identify', 'rpms report', 'rpms study')
+GRADED = ('rpms identify', 'rpms report')
 VERDICTS = (0, 1, 3)
 # what a reader has beside the repository
 SHARED = ('bags', 'bench', 'config', 'docs', 'launch', 'msg_defs', 'rpms_ros', 'tools')

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The live page with the real nodes."""
 
-import socket
 import time
 import urllib.error
 import urllib.request
@@ -165,9 +164,4 @@ def test_the_address_for_a_phone_is_printed_where_the_network_may_look(capsys):
     live.print_address('0.0.0.0', 'http://127.0.0.1:8765/', 'correct-horse')
     own, others = capsys.readouterr().out.splitlines()
     assert own == 'http://127.0.0.1:8765/#token=correct-horse'
-    place = live.address_for_others()
-    assert others == f'elsewhere: http://{place}:8765/#token=correct-horse'
-    # it is one of this machine, or it says that there is none
-    if not place.startswith('<'):
-        with socket.create_server((place, 0)) as bound:
-            assert bound.getsockname()[0] == place
+    assert others == 'elsewhere: http://ADDRESS-OF-THIS-MACHINE:8765/#token=correct-horse'

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rpms_ros.identification import ModifiedRecursiveLM
 from rpms_ros.muscle import Contraction, simulation_subject
 from rpms_ros.pulses import ForceTrace, PulseTrain
 from rpms_ros.recording import read_recording, write_recording
@@ -44,8 +43,7 @@ def _make_report(path):
     recording = read_recording(path)
     session = identified(recording, IdentificationOptions('recursive', 'paper_table_4'))
     result = result_of(recording, session)
-    messages = recorded_messages(path)
-    return report_of(path.name, recording, messages, session, result, ModifiedRecursiveLM())
+    return report_of(path.name, recording, recorded_messages(path), session, result)
 
 
 def _with_session(report, session):

@@ -38,16 +38,16 @@ def empty():
 
 def test_the_document_is_json_without_nan_also_without_pulses(whole, empty):
     document = json.loads(json.dumps(analysis_document(whole), allow_nan=False))
-    assert document['twitches']['order']['order'] == 3
+    assert document['twitches']['choice']['order'] == 3
     assert document['twitches']['latency']['rows'][0]['count'] == 2
     assert document['summation']['law'].keys() == {
         'half_level', 'cooperation', 'facilitation', 'facilitation_decay', 'series_lag',
     }  # fmt: skip
-    assert document['recruitment']['parameters']['threshold']['low'] < 0.5
+    assert document['recruitment']['parameters']['threshold']['lower'] < 0.5
     assert len(document['steady']) >= 15
     document = analysis_document(empty)
     assert document['twitches'] is None
-    assert document['clocks'] is None
+    assert document['artifacts'] is None
     assert 'no pulses' in document['findings'][0]
 
 

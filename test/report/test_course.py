@@ -189,9 +189,6 @@ def test_the_error_is_that_of_the_worst_point_of_the_curve(made_up):
     # both curves are straight between the points
     assert muscle.error(made_up.estimate(1, 10.0)) == pytest.approx(0.0, abs=1e-12)
     assert muscle.error(made_up.estimate(1, 9.0)) == pytest.approx(0.1)
-    assert muscle.inside(made_up.estimate(1, 10.0)) == 1.0
-    # below the threshold both are zero: 21 points of 41
-    assert muscle.inside(made_up.estimate(1, 9.0)) == pytest.approx(21 / 41)
     assert np.isnan(muscle.error(replace(made_up.estimate(1), repetition_rate=30.0)))
     assert np.isnan(muscle.error(replace(made_up.estimate(1), curve_force=np.empty(0))))
 

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What a report tells: residuals, held-out fit, dose, first screen."""
+"""What a report tells: residuals, dose, first screen."""
 
 from dataclasses import replace
 
@@ -8,58 +8,18 @@ import numpy as np
 import pytest
 
 from rpms_ros.errors import ReportError
-from rpms_ros.identification import identify
-from rpms_ros.identification.catalogue import ESTIMATORS, estimator_by_name
 from rpms_ros.identification.quality.verdict import Verdict
-from rpms_ros.pulses import ForceTrace, PulseTrain
-from rpms_ros.recording import read_recording, write_recording
+from rpms_ros.pulses import PulseTrain
+from rpms_ros.recording import write_recording
 from rpms_ros.report.dose import dose_of
 from rpms_ros.report.figures import draw
 from rpms_ros.report.page import as_page
-from rpms_ros.report.residuals import (
-    FrozenFrom,
-    analyse_residuals,
-    boundary,
-    ljung_box,
-    stimulation_at,
-)
+from rpms_ros.report.residuals import analyse_residuals, stimulation_at
 from rpms_ros.report.session import headline_of
 from rpms_ros.schema import plain
 
 START_NS = 1_700_000_000_000_000_000
 SECOND = 1_000_000_000
-
-
-@pytest.mark.long
-@pytest.mark.parametrize('name', ESTIMATORS)
-def test_what_is_held_out_does_not_change_what_was_learnt(recording_path, name):
-    recording = read_recording(recording_path)
-    first_ns = boundary(recording.forces.stamp_ns, 0.2)
-    spoiled = recording.forces.force.copy()
-    spoiled[recording.forces.stamp_ns >= first_ns] *= -3.0
-    session, again = (
-        identify(FrozenFrom(estimator_by_name(name), first_ns), recording.pulses, forces)
-        for forces in (recording.forces, replace(recording.forces, force=spoiled))
-    )
-    assert session.prediction.tobytes() == again.prediction.tobytes()
-    assert session.last.nonlinear.tobytes() == again.last.nonlinear.tobytes()
-    part = slice(0, int(np.count_nonzero(recording.forces.stamp_ns < first_ns)))
-    beginning = ForceTrace(recording.forces.stamp_ns[part], recording.forces.force[part])
-    alone = identify(estimator_by_name(name), recording.pulses, beginning)
-    assert session.last.samples == alone.last.samples
-
-
-def test_the_held_out_fit_is_that_of_the_simulated_noise(report):
-    fit = report.held_out
-    assert (fit.learnt_s, fit.held_out_s) == pytest.approx((8.0, 2.0), abs=2e-3)
-    # after 8 s the curve is known to some per cent: Table 4's set-up with 0.4 % noise
-    assert 0.002 < np.linalg.norm(fit.force - fit.prediction) / np.linalg.norm(fit.force) < 0.06
-
-
-@pytest.mark.parametrize('share', [0.0, 1.0, -1.0, float('nan')])
-def test_a_share_that_leaves_nothing_is_refused(share):
-    with pytest.raises(ReportError, match='share between 0 and 1, got'):
-        boundary(np.array([0, SECOND]), share)
 
 
 def test_trains_rates_and_energy_are_those_of_the_pulses():
@@ -83,7 +43,6 @@ def test_a_dead_force_still_gives_a_report(tmp_path, report, make_report):
     write_recording(tmp_path / 'dead', pulses, replace(forces, force=np.zeros(len(forces))))
     document = plain(make_report(tmp_path / 'dead'))
     assert document['residuals'] is None
-    assert document['held_out'] is None
     assert document['result']['output_error_of_range'] is None
     assert any('no residual analysis' in remark for remark in document['remarks'])
 
@@ -181,14 +140,11 @@ def test_white_residuals_look_white_as_often_as_the_band_says():
     for name in ('autocorrelation_outside', 'cross_correlation_outside'):
         outside = np.mean([getattr(one, name) for one in found])
         assert outside == pytest.approx(0.05, abs=0.01)
-    # p is uniform: fewer than 12 of 40 below 0.1 but for one case in ten thousand
-    assert sum(one.ljung_box_p < 0.1 for one in found) < 12
 
 
 def test_a_coloured_residual_is_found():
     coloured = np.convolve(noise(1), [1.0, 0.5], mode='same')
     found = analyse_residuals(STAMPS, coloured, PULSES)
-    assert found.ljung_box_p < 1e-12
     # r(1) of that filter is 0.5 / 1.25; its deviation over 6000 samples is 0.01
     assert found.autocorrelation[1] == pytest.approx(0.4, abs=0.05)
 
@@ -202,13 +158,6 @@ def test_muscle_that_the_model_lacks_shows_after_its_delay():
     peak = int(np.argmax(found.cross_correlation))
     assert found.cross_lag_s[peak] == pytest.approx(0.04)
     assert found.cross_correlation[peak] > 3 * found.cross_correlation_band
-
-
-def test_ljung_box_is_the_published_sum():
-    # Q = 100 * 102 * (0.04 / 99 + 0.01 / 98); for two degrees of freedom p = exp(-Q / 2)
-    statistic, p_value = ljung_box(np.array([0.2, 0.1]), 100)
-    assert statistic == pytest.approx(100 * 102 * (0.04 / 99 + 0.01 / 98))
-    assert p_value == pytest.approx(np.exp(-statistic / 2))
 
 
 def test_a_pulse_counts_for_the_first_sample_that_it_can_act_on():

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-r"""The recruitment field (Eqs. 8 to 10) from steady forces, with intervals, its shape checked.
+r"""The recruitment field (Eqs. 8 to 10) from steady forces, with intervals.
 
 The steady force of a long level (Sec. 2.2, Fig. 9) is the mean over whole periods of the pulses,
 after the force has settled, above a baseline that is linear from the rest before one group to the
@@ -12,12 +12,10 @@ rest before the next.  To these forces is fitted
 A is the steady force at full intensity and 20 Hz; n is the bend of Eq. (9) and m that of
 Eq. (10), each without its gain and offset, which follow from A, c and d.  The parameters are not
 redundant: seven of the shape, one force, one offset.
-
-The shape is checked by monotone regression, which assumes no formula.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
@@ -26,6 +24,7 @@ from scipy.special import stdtrit
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.analysis.responses import SETTLING, CleanTrace, Level, PulseGroup
 from rpms_ros.identification.analysis.twitch_fits import derivatives
+from rpms_ros.identification.quality.explained_force import Stated
 from rpms_ros.muscle import (
     IntensityRecruitment,
     RateRecruitment,
@@ -34,6 +33,7 @@ from rpms_ros.muscle import (
     identified_recruitment,
 )
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, nanoseconds
+from rpms_ros.schema import INTERNAL
 
 _REFERENCE_RATE = 20.0
 _LEAST_PERIODS = 4
@@ -152,15 +152,6 @@ def steady_point(
 
 
 @dataclass(frozen=True)
-class Interval:
-    """A number with its 95 % interval."""
-
-    value: float
-    low: float
-    high: float
-
-
-@dataclass(frozen=True)
 class FieldAnalysis:
     """Recruitment by intensity and rate.
 
@@ -168,9 +159,9 @@ class FieldAnalysis:
     ----------
     recruitment : RecruitmentField
         rho_u and rho_f; rho(1, 20 Hz) = 1.
-    maximum_force : Interval
-        Steady force at full intensity and 20 Hz [N].
-    parameters : mapping of str to Interval
+    maximum_force : Stated
+        Steady force at full intensity and 20 Hz, with its 95 % interval [N].
+    parameters : mapping of str to Stated
         Numbers of Eqs. (9) and (10); rates in Hz.
     rates_fitted : bool
         Whether there were enough rates to fit rho_f; else it is the average of Table 3.
@@ -181,23 +172,15 @@ class FieldAnalysis:
     worst_interval : float
         Greatest half width of the 95 % interval of rho over the measured intensities and rates
         [share of its maximum].
-    shape_difference : float
-        Greatest difference between the formula and the monotone regression, which assumes no
-        formula [share of the maximum].
-    monotone_intensity, monotone_share : ndarray, shape (levels,)
-        Monotone regression by intensity, 1 at its end.
     """
 
     recruitment: RecruitmentField
-    maximum_force: Interval
-    parameters: Mapping[str, Interval]
+    maximum_force: Stated
+    parameters: Mapping[str, Stated]
     rates_fitted: bool
-    points: tuple[SteadyPoint, ...]
+    points: tuple[SteadyPoint, ...] = field(metadata=INTERNAL)
     residual: float
     worst_interval: float
-    shape_difference: float
-    monotone_intensity: FloatArray
-    monotone_share: FloatArray
 
 
 # theta is ln A, relative to the greatest measured force, and these.
@@ -213,6 +196,8 @@ _SPREAD = np.array([10.0, 0.15, 0.15, 0.5, 0.8, 8.0, 0.8, 5.0, 0.05])
 _LOWEST = np.array([-3.0, 0.0, 0.3, np.log(0.5), np.log(0.5), 5.0, np.log(0.003), -12.0, -0.3])
 _HIGHEST = np.array([3.0, 1.0, 1.8, np.log(60.0), np.log(60.0), 60.0, np.log(1.0), 40.0, 0.3])
 _PRIOR = 0.3
+# Of the greatest force.
+_LEAST_NOISE = 1e-4
 _STARTS = ((0.48, 0.98), (0.3, 0.8), (0.6, 0.9), (0.7, 1.2))
 _LEAST_INTENSITIES = 5
 _LEAST_RATES = 3
@@ -263,13 +248,12 @@ def fit_field(points: Sequence[SteadyPoint]) -> FieldAnalysis:
     rates_fitted = len(np.unique(np.round(rate))) >= _LEAST_RATES
     free = np.ones(len(CENTRE), dtype=np.bool_)
     free[5:8] = rates_fitted
-    rows, share, columns, other = rising_product(intensity, rate, force / top)
-    monotone = share[:, None] * other[None, :]
-    expected = monotone[np.searchsorted(rows, intensity), np.searchsorted(columns, rate)]
-    # a first estimate of the noise
-    noise = max(float(np.sqrt(np.mean((force / top - expected) ** 2))), 1e-4)
-    theta, jacobian = _fitted(intensity, rate, force / top, free, noise)
-    misfit = force / top - field_force(theta, intensity, rate)
+    noise = _LEAST_NOISE
+    # the prior counts as much as the noise, which is known after a first fit
+    for _ in range(2):
+        theta, jacobian = _fitted(intensity, rate, force / top, free, noise)
+        misfit = force / top - field_force(theta, intensity, rate)
+        noise = max(float(np.sqrt(np.mean(misfit**2))), _LEAST_NOISE)
     spare = max(1, len(force) - int(free.sum()))
     variance = float(misfit @ misfit) / spare
     covariance = np.zeros((len(theta), len(theta)))
@@ -282,7 +266,6 @@ def fit_field(points: Sequence[SteadyPoint]) -> FieldAnalysis:
     gradient = np.zeros(len(theta))
     gradient[0], gradient[-1] = 1.0, 1.0 / (1.0 + theta[-1])
     full, doubt = theta[0] + np.log1p(theta[-1]), float(gradient @ covariance @ gradient)
-    formula = field_force(theta, *np.meshgrid(rows, columns, indexing='ij'))
     return FieldAnalysis(
         recruitment=as_recruitment(theta),
         maximum_force=_interval(full, doubt, reach, True, top),
@@ -294,9 +277,6 @@ def fit_field(points: Sequence[SteadyPoint]) -> FieldAnalysis:
         points=tuple(points),
         residual=float(np.sqrt(variance)),
         worst_interval=reach * _worst_deviation(theta, covariance, rate),
-        shape_difference=float(np.abs(formula - monotone).max() / np.abs(monotone).max()),
-        monotone_intensity=rows,
-        monotone_share=share,
     )
 
 
@@ -335,12 +315,12 @@ def _baselines(points: Sequence[SteadyPoint]) -> FloatArray:
 
 def _interval(
     value: float, variance: float, reach: float, logarithm: bool, scale: float = 1.0
-) -> Interval:
+) -> Stated:
     half = reach * float(np.sqrt(max(variance, 0.0)))
     ends = np.array([value, value - half, value + half])
     if logarithm:
         ends = np.exp(np.minimum(ends, 50.0))
-    return Interval(*(ends * scale).tolist())
+    return Stated(*(ends * scale).tolist())
 
 
 def _worst_deviation(theta: FloatArray, covariance: FloatArray, rate: FloatArray) -> float:
@@ -350,65 +330,3 @@ def _worst_deviation(theta: FloatArray, covariance: FloatArray, rate: FloatArray
     slopes = derivatives(lambda moved: field_force(moved, u, f), theta, steps)
     deviation = np.sqrt(np.maximum(np.einsum('ij,jk,ik->i', slopes, covariance, slopes), 0.0))
     return float(deviation.max() / np.abs(field_force(theta, u, f)).max())
-
-
-def rising(values: FloatArray, weights: FloatArray) -> FloatArray:
-    """Return the least-squares fit (points,) that never falls: pool adjacent violators.
-
-    Parameters
-    ----------
-    values, weights : ndarray, shape (points,)
-        Values and their weights, in the order of the abscissa.
-    """
-    pools: list[tuple[float, float, int]] = []
-    for mean, weight in zip(values.tolist(), weights.tolist(), strict=True):
-        count = 1
-        while pools and pools[-1][0] > mean:
-            before, size, points = pools.pop()
-            mean = (before * size + mean * weight) / max(size + weight, 1e-300)
-            weight, count = size + weight, count + points
-        pools.append((mean, weight, count))
-    return np.repeat([pool[0] for pool in pools], [pool[2] for pool in pools])
-
-
-def rising_product(
-    row: FloatArray, column: FloatArray, values: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Fit values at (row, column) with a product of two rising functions (Eq. 8).
-
-    Alternates between the factors; each step is a weighted monotone regression of the ratios.
-
-    Parameters
-    ----------
-    row, column : ndarray, shape (points,)
-        Abscissae: intensity and rate.
-    values : ndarray, shape (points,)
-        Forces.
-
-    Returns
-    -------
-    row_levels, row_factor : ndarray, shape (rows,)
-        Distinct abscissae and the factor there, at most 1.
-    column_levels, column_factor : ndarray, shape (columns,)
-        The same for the other, in the unit of the values.
-    """
-    row_levels, row_of = np.unique(row, return_inverse=True)
-    column_levels, column_of = np.unique(column, return_inverse=True)
-    factor = np.linspace(0.0, 1.0, len(row_levels)) if len(row_levels) > 1 else np.ones(1)
-    other = np.ones(len(column_levels))
-    for _ in range(200):
-        before = factor[row_of] * other[column_of]
-        other = _factor(column_of, len(column_levels), factor[row_of], values)
-        factor = _factor(row_of, len(row_levels), other[column_of], values)
-        scale = max(float(np.abs(factor).max()), 1e-300)
-        factor, other = factor / scale, other * scale
-        change = np.abs(factor[row_of] * other[column_of] - before).max()
-        if change <= 1e-10 * max(float(np.abs(values).max()), 1e-300):
-            break
-    return row_levels, factor, column_levels, other
-
-
-def _factor(level_of: IntArray, levels: int, known: FloatArray, values: FloatArray) -> FloatArray:
-    weight = np.bincount(level_of, known**2, levels)
-    ratio = np.bincount(level_of, known * values, levels) / np.maximum(weight, 1e-300)
-    return rising(np.where(weight > 0, ratio, 0.0), np.maximum(weight, 1e-12))

@@ -12,7 +12,7 @@ stimulator and sensor.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from itertools import pairwise
 
@@ -30,6 +30,7 @@ from rpms_ros.pulses import (
     PulseTrain,
     nanoseconds,
 )
+from rpms_ros.schema import INTERNAL
 
 # Intensities or intervals that differ by less are one level: drivers round, triggers jitter.
 _SAME_INTENSITY = 2e-3
@@ -316,7 +317,7 @@ class Artifacts:
         stamps within the sampling.
     """
 
-    offset: FloatArray
+    offset: FloatArray = field(metadata=INTERNAL)
     found: bool
     median_offset: float
     spread: float
@@ -433,9 +434,9 @@ class Response:
     """
 
     onset: FloatArray
-    lag: FloatArray
-    force: FloatArray
-    usable: BoolArray
+    lag: FloatArray = field(metadata=INTERNAL)
+    force: FloatArray = field(metadata=INTERNAL)
+    usable: BoolArray = field(metadata=INTERNAL)
     intensity: float
     artifact: float
 

@@ -18,7 +18,7 @@ both.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, field
 from typing import Any
 
 import numba
@@ -27,10 +27,11 @@ import scipy  # its parts are loaded when they are asked for
 
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.analysis.responses import Response
-from rpms_ros.identification.analysis.twitch_fits import Progress, derivatives, spread
+from rpms_ros.identification.analysis.twitch_fits import Progress, derivatives
 from rpms_ros.identification.model.summation import HistoryLaw
 from rpms_ros.muscle import twitch
 from rpms_ros.pulses import FloatArray, IntArray
+from rpms_ros.schema import INTERNAL
 
 # latency [s], time constant [s] -> force in gains, shape (samples,)
 TrainShape = Callable[[float, float], FloatArray]
@@ -70,7 +71,7 @@ class TrainFit:
     time_constant: float
     gains: FloatArray
     baseline: float
-    modelled: FloatArray
+    modelled: FloatArray = field(metadata=INTERNAL)
 
 
 @dataclass(frozen=True)
@@ -170,11 +171,8 @@ class SummationAnalysis:
         Those that qualified.
     law : TrainLaw or None
         Common law; None if no train has three pulses.
-    latency, latency_spread : float
-        Mean and standard deviation over the trains of the latency of equal pulses, a parameter
-        of that model, not the onset of the force (`onsets`) [s].
-    time_constant, time_constant_spread : float
-        The same of T_a [s].
+    time_constant : float
+        Mean over the trains of T_a of equal pulses [s].
     rejected : mapping of str to int
         Trains that did not qualify, by reason.
     """
@@ -182,20 +180,8 @@ class SummationAnalysis:
     order: int
     trains: tuple[TrainAnalysis, ...]
     law: TrainLaw | None
-    latency: float
-    latency_spread: float
     time_constant: float
-    time_constant_spread: float
     rejected: Mapping[str, int]
-
-    @property
-    def onsets(self) -> tuple[float, ...]:
-        """When the force leaves its baseline after the first pulse of each train [s].
-
-        Trains in which noise hides it are not included.
-        """
-        found = (force_onset(train.response) for train in self.trains)
-        return tuple(bounds[1] for bounds in found if bounds is not None)
 
     def mean_fit(self, model: str, held_out: bool | None = None) -> float:
         """Return the mean fit [%] of ``equal``, ``gains`` or ``law``; NaN without a train.
@@ -255,16 +241,11 @@ def analyze_trains(
         )
         for response, one, each, out in zip(responses, equal, gains, judged, strict=True)
     )
-    latency = np.array([fit.latency for fit in equal])
-    constant = np.array([fit.time_constant for fit in equal])
     return SummationAnalysis(
         order=order,
         trains=trains,
         law=law,
-        latency=float(latency.mean()),
-        latency_spread=spread(latency),
-        time_constant=float(constant.mean()),
-        time_constant_spread=spread(constant),
+        time_constant=float(np.mean([fit.time_constant for fit in equal])),
         rejected=dict(rejected or {}),
     )
 

@@ -2,14 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 r"""Fits of twitches at several orders, and the choice of the order (Eqs. 2 and 3, Fig. 5).
 
-Twitches i that share their shape have their own peak a_i and baseline b_i; the onset t_0, the time
-constant T_a and, if asked for, the order n are common,
+Twitches i that share their shape have their own peak a_i and baseline b_i; the onset t_0 and the
+time constant T_a are common,
 
 .. math:: F_i(t) = a_i \hat F(t - t_0; T_a, n) + b_i
 
-with Eq. (2) for the shape.  For given (t_0, ln T_a, n) the best a_i and b_i follow from two
+with Eq. (2) for the shape.  For given (t_0, ln T_a) the best a_i and b_i follow from two
 linear equations; the Jacobian of the residual is the derivative of the shape, scaled by a_i and
-projected orthogonally to shape and constant (Kaufman).  Two or three parameters remain for
+projected orthogonally to shape and constant (Kaufman).  Two parameters remain for
 `rpms_ros.identification.model.levenberg_marquardt`, however many twitches there are.  This
 minimises Eq. (3) with its peak, its onset and a baseline free.
 
@@ -35,9 +35,9 @@ from rpms_ros.identification.model.physiology import TWITCH, twitch_row
 from rpms_ros.pulses import FloatArray, IntArray
 
 _ENDING = Ending(steps=60, tolerance=1e-9, least_cost=1e-18)
-# Bounds of onset [s], ln of the time constant [ln s] and order.
-_LOWER = (-0.02, math.log(1e-3), 1.2)
-_UPPER = (0.2, math.log(0.5), 12.0)
+# Bounds of onset [s] and ln of the time constant [ln s].
+_LOWER = (-0.02, math.log(1e-3))
+_UPPER = (0.2, math.log(0.5))
 
 
 class Twitches(NamedTuple):
@@ -50,7 +50,7 @@ class Twitches(NamedTuple):
     starts : ndarray of int64 (twitches + 1,)
         Where each twitch begins; the last entry is the number of samples.
     order : float
-        Order if it is not fitted.
+        Number of equal poles.
     """
 
     lag: FloatArray
@@ -64,8 +64,8 @@ class SharedShape(NamedTuple):
 
     Attributes
     ----------
-    theta : ndarray (2,) or (3,)
-        Onset [s], ln of the time constant [ln s] and, if it is fitted, the order.
+    theta : ndarray (2,)
+        Onset [s] and ln of the time constant [ln s].
     normal, slope : ndarray (parameters, parameters), (parameters,)
         Gauss-Newton matrix and minus half the gradient of the cost.  The inverse of the matrix
         times the variance of the noise is the covariance of theta.
@@ -116,7 +116,7 @@ def _fit_line(
 
 @numba.njit(cache=True, nogil=True)
 def _add_normal(rows: FloatArray, peak: float, normal: FloatArray, slope: FloatArray) -> None:
-    """Add one twitch to the normal equations of (onset, ln T_a, order)."""
+    """Add one twitch to the normal equations of (onset, ln T_a)."""
     free = len(slope)
     centred = np.empty((free + 1, len(rows)))
     for i in range(free + 1):
@@ -137,8 +137,7 @@ def _add_normal(rows: FloatArray, peak: float, normal: FloatArray, slope: FloatA
 @numba.njit(cache=True, nogil=True)
 def _measure(twitches: Twitches, shape: SharedShape) -> None:
     """Write linear parts, cost, normal equations and residuals of a shape."""
-    theta = np.full(3, twitches.order)
-    theta[: len(shape.theta)] = shape.theta
+    theta = np.append(shape.theta, twitches.order)
     shape.normal[:] = 0.0
     shape.slope[:] = 0.0
     shape.cost[0] = 0.0
@@ -211,7 +210,7 @@ def _begin(twitches: Twitches, start: FloatArray, rows: FloatArray) -> SharedSha
 
 @numba.njit(cache=True, nogil=True)
 def shared_fit(
-    lag: FloatArray, force: FloatArray, starts: IntArray, start: FloatArray, free: int
+    lag: FloatArray, force: FloatArray, starts: IntArray, start: FloatArray
 ) -> SharedShape:
     """Return the shape that twitches share.
 
@@ -222,15 +221,13 @@ def shared_fit(
     starts : ndarray of int64 (twitches + 1,)
         As in `Twitches`.
     start : ndarray (3,)
-        Onset [s], ln of the time constant [ln s] and order to start from.
-    free : int
-        2 keeps the order, 3 fits it as a real number.
+        Onset [s] and ln of the time constant [ln s] to start from, and the order.
     """
     twitches = Twitches(lag, force, starts, start[2])
     rows = np.empty((len(lag), 5))
-    shape = _begin(twitches, start[:free], rows)
+    shape = _begin(twitches, start[:2], rows)
     _measure(twitches, shape)
-    _minimise(twitches, shape, _begin(twitches, start[:free], rows), _ENDING, True)
+    _minimise(twitches, shape, _begin(twitches, start[:2], rows), _ENDING, True)
     return shape
 
 
@@ -274,15 +271,12 @@ class TwitchFits:
     table : ndarray, shape (twitches, orders, 6)
         Onset [s], time constant [s], peak [N], baseline [N], squared error [N^2], squared error
         on samples that were held out [N^2].
-    free_order : ndarray, shape (twitches,)
-        Order fitted as a real number.
     """
 
     orders: tuple[int, ...]
     intensity: FloatArray
     samples: IntArray
     table: FloatArray
-    free_order: FloatArray
 
     def __len__(self) -> int:
         return len(self.samples)
@@ -303,7 +297,7 @@ class TwitchFits:
 
     def chosen(self, mask: FloatArray) -> 'TwitchFits':
         """Return the twitches of a mask or of indices."""
-        arrays = self.intensity, self.samples, self.table, self.free_order
+        arrays = self.intensity, self.samples, self.table
         return TwitchFits(self.orders, *(array[mask] for array in arrays))
 
 
@@ -314,7 +308,7 @@ def _held_out(lag: FloatArray, force: FloatArray, theta: FloatArray) -> float:
     row = np.empty(4)
     for part in range(2):
         seen = lag[part::2].copy()
-        fit = shared_fit(seen, force[part::2].copy(), np.array([0, len(seen)]), theta, 2)
+        fit = shared_fit(seen, force[part::2].copy(), np.array([0, len(seen)]), theta)
         constant = math.exp(fit.theta[1])
         for k in range(1 - part, len(lag), 2):
             twitch_row(lag[k] - fit.theta[0], constant, theta[2], row)
@@ -323,25 +317,19 @@ def _held_out(lag: FloatArray, force: FloatArray, theta: FloatArray) -> float:
 
 
 @numba.njit(cache=True, nogil=True)
-def _fit_one(lag: FloatArray, force: FloatArray, orders: IntArray, row: FloatArray) -> float:
-    """Fit one twitch at each order into `row` (orders, 6) of the table; return the free order."""
+def _fit_one(lag: FloatArray, force: FloatArray, orders: IntArray, row: FloatArray) -> None:
+    """Fit one twitch at each order into `row` (orders, 6) of the table."""
     starts = np.array([0, len(lag)])
-    best = math.inf
-    best_theta = np.zeros(3)
     start = coarse_start(lag[::_STRIDE].copy(), force[::_STRIDE].copy(), float(orders[0]))
     for index in range(len(orders)):
         # keep the time of the peak, (n - 1) T_a after the onset, from one order to the next
         start[1] += math.log((start[2] - 1.0) / (orders[index] - 1.0))
         start[2] = orders[index]
-        fit = shared_fit(lag, force, starts, start, 2)
+        fit = shared_fit(lag, force, starts, start)
         theta = np.array([fit.theta[0], fit.theta[1], start[2]])
         peak, base = fit.linear[0]
         held_out = _held_out(lag, force, theta)
         row[index] = (theta[0], math.exp(theta[1]), peak, base, fit.cost[0], held_out)
-        if fit.cost[0] < best:
-            best = fit.cost[0]
-            best_theta = theta
-    return float(shared_fit(lag, force, starts, best_theta, 3).theta[2])
 
 
 def fit_twitches(
@@ -360,19 +348,17 @@ def fit_twitches(
     """
     table = np.zeros((len(responses), len(orders), 6))
 
-    def fit(index: int) -> float:
+    def fit(index: int) -> None:
         lag, force = responses[index].samples
-        return _fit_one(lag, force, np.array(orders, dtype=np.int64), table[index])
+        _fit_one(lag, force, np.array(orders, dtype=np.int64), table[index])
 
-    free = np.empty(len(responses))
     # The compiled fits release the interpreter lock, so threads use both cores without copies.
     with ThreadPoolExecutor(_WORKERS) as pool:
-        for index, found in enumerate(pool.map(fit, range(len(responses)))):
-            free[index] = found
+        for index, _ in enumerate(pool.map(fit, range(len(responses)))):
             progress(index + 1, len(responses))
     intensity = np.array([item.intensity for item in responses])
     samples = np.array([int(item.usable.sum()) for item in responses], dtype=np.int64)
-    return TwitchFits(orders, intensity, samples, table, free)
+    return TwitchFits(orders, intensity, samples, table)
 
 
 @dataclass(frozen=True)
@@ -391,8 +377,6 @@ class OrderEvidence:
         Median of E_min of Eq. (3).
     time_constant, time_constant_spread : float
         Mean and standard deviation of T_a over the twitches [s].
-    wins : int
-        Twitches for which this order has the best criterion.
     """
 
     order: int
@@ -401,7 +385,6 @@ class OrderEvidence:
     least_error: float
     time_constant: float
     time_constant_spread: float
-    wins: int
 
 
 @dataclass(frozen=True)
@@ -414,24 +397,18 @@ class OrderChoice:
         Chosen by the information criterion.
     held_out_order : int
         Order with the smallest held-out error.
-    free_order, free_order_spread : float
-        Median and scaled interquartile range of the order fitted as a real number; the range of
-        one twitch is NaN.
     evidence : tuple of OrderEvidence
         One for each order.
     """
 
     order: int
     held_out_order: int
-    free_order: float
-    free_order_spread: float
     evidence: tuple[OrderEvidence, ...]
 
 
 def choose_order(fits: TwitchFits) -> OrderChoice:
     """Return the order for a set of twitches (at least one)."""
-    criterion = fits.bayes()
-    total = criterion.sum(axis=0)
+    total = fits.bayes().sum(axis=0)
     # each error is relative to the peak of its twitch, or the strong ones alone would decide
     share = fits.table[:, :, HELD_OUT] / fits.table[:, :, PEAK] ** 2 / fits.samples[:, None]
     held_out = np.sqrt(share.mean(axis=0))
@@ -439,8 +416,6 @@ def choose_order(fits: TwitchFits) -> OrderChoice:
     for index in range(1, len(fits.orders)):
         if total[index] < total[best] - DECISIVE:
             best = index
-    wins = np.bincount(np.argmin(criterion, axis=1), minlength=len(fits.orders))
-    low, median, high = np.percentile(fits.free_order, [25, 50, 75])
     evidence = tuple(
         OrderEvidence(
             order=order,
@@ -449,15 +424,12 @@ def choose_order(fits: TwitchFits) -> OrderChoice:
             least_error=float(np.median(fits.least_error(order))),
             time_constant=float(fits.column(CONSTANT, order).mean()),
             time_constant_spread=spread(fits.column(CONSTANT, order)),
-            wins=int(wins[index]),
         )
         for index, order in enumerate(fits.orders)
     )
     return OrderChoice(
         order=fits.orders[best],
         held_out_order=fits.orders[int(np.argmin(held_out))],
-        free_order=float(median),
-        free_order_spread=float((high - low) / 1.349) if len(fits.free_order) > 1 else math.nan,
         evidence=evidence,
     )
 

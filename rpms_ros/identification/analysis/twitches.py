@@ -16,7 +16,7 @@ by up to that much, and noise moves the crossing later.  The joint fit has neith
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -43,6 +43,7 @@ from rpms_ros.identification.analysis.twitch_fits import (
     spread,
 )
 from rpms_ros.pulses import FloatArray
+from rpms_ros.schema import INTERNAL
 
 _INTENSITY_STEP = 1e-3
 _EVENNESS = 0.01
@@ -142,7 +143,7 @@ class TwitchAnalysis:
         The strongest twitch.
     """
 
-    fits: TwitchFits
+    fits: TwitchFits = field(metadata=INTERNAL)
     choice: OrderChoice
     shared: SharedTwitch
     time_constant: float
@@ -150,7 +151,7 @@ class TwitchAnalysis:
     latency: LatencyTable
     crossing_latency: LatencyTable
     rejected: Mapping[str, int]
-    example: Response
+    example: Response = field(metadata=INTERNAL)
 
     @property
     def top_peak(self) -> float:
@@ -227,7 +228,7 @@ def _shared_twitch(responses: Sequence[Response], fits: TwitchFits, order: int) 
     lag, force = np.concatenate([item.samples for item in responses], axis=1)
     medians = np.median([fits.column(ONSET, order), fits.column(CONSTANT, order)], axis=1)
     start = np.array([medians[0], np.log(medians[1]), float(order)])
-    found = shared_fit(lag, force, np.append(0, np.cumsum(fits.samples)), start, 2)
+    found = shared_fit(lag, force, np.append(0, np.cumsum(fits.samples)), start)
     free = max(1, len(lag) - 2 * len(responses) - 2)
     deviation = np.sqrt(np.diag(np.linalg.pinv(found.normal)) * found.cost[0] / free)
     onset, constant = float(found.theta[0]), float(np.exp(found.theta[1]))

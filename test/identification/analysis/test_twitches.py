@@ -61,7 +61,7 @@ def test_derivatives_of_the_shape_are_the_central_differences(lag, constant, ord
 def test_a_clean_twitch_is_found_exactly(onset, constant, order, peak, base):
     force = base + peak * twitch(LAG - onset, constant, order)
     start = coarse_start(LAG, force, float(order))
-    found = shared_fit(LAG, force, np.array([0, len(LAG)]), start, 2)
+    found = shared_fit(LAG, force, np.array([0, len(LAG)]), start)
     # the search ends when a step promises less than 1e-9 of the error: far below a microsecond
     assert found.theta[0] == pytest.approx(onset, abs=1e-6)
     assert np.exp(found.theta[1]) == pytest.approx(constant, rel=1e-4)
@@ -90,7 +90,6 @@ def test_each_twitch_alone_tells_its_order_at_one_per_cent_noise(order):
     choices = [choose_order(fit_twitches([draw], ORDERS)) for draw in draws]
     # beforehand: 200 of 200; the aim is 95 of 100
     assert [choice.order for choice in choices].count(order) >= 38
-    assert np.isnan(choices[0].free_order_spread)
 
 
 def test_twitches_are_found_and_progress_is_told():
@@ -110,11 +109,9 @@ def test_the_evidence_says_what_the_choice_rests_on():
     second, third, fourth = choice.evidence
     assert third.information == 0.0
     assert min(second.information, fourth.information) > 100
-    assert third.wins == 10
     # the noise is 1 % of the peak, and unseen samples cannot be told better than that
     assert third.held_out == pytest.approx(0.01, rel=0.05)
     assert third.time_constant == pytest.approx(truth[:, 1].mean(), rel=0.01)
-    assert choice.free_order == pytest.approx(3.0, abs=0.1)
 
 
 def test_a_higher_order_that_explains_no_more_is_not_taken():
