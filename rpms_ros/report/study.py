@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from rpms_ros.errors import RecordingError, RpmsError
-from rpms_ros.identification.model.physiology import PHYSIOLOGY_NAMES
+from rpms_ros.identification.estimation.statement import PHYSIOLOGY_NAMES
 from rpms_ros.identification.quality.explained_force import Stated
 from rpms_ros.identification.quality.verdict import EXPECTED_FORCE
 from rpms_ros.printable import spreadsheet_text

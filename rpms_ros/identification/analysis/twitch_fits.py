@@ -31,7 +31,7 @@ from numba.extending import register_jitable
 
 from rpms_ros.identification.analysis.responses import Response
 from rpms_ros.identification.model.levenberg_marquardt import Ending, dot, minimiser
-from rpms_ros.identification.model.physiology import TWITCH, twitch_row
+from rpms_ros.muscle.twitch import TWITCH, twitch_row
 from rpms_ros.pulses import FloatArray, IntArray
 
 _ENDING = Ending(steps=60, tolerance=1e-9, least_cost=1e-18)

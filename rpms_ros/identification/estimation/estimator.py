@@ -26,7 +26,7 @@ from rpms_ros.identification.estimation.intake import (
 )
 from rpms_ros.identification.estimation.prior import FittedMuscle, Knowledge, knowledge_of
 from rpms_ros.identification.estimation.settings import Baseline, Problem, ProjectionSettings
-from rpms_ros.identification.estimation.uncertainty import (
+from rpms_ros.identification.estimation.statement import (
     Counters,
     EstimateBuilder,
     Muscle,

@@ -20,9 +20,8 @@ import numba
 import numpy as np
 from scipy.special import ndtri
 
-from rpms_ros.identification.estimation.uncertainty import LEAST_GAIN
+from rpms_ros.identification.estimation.statement import LEAST_GAIN, PRIOR
 from rpms_ros.identification.model.estimate import NOT_INFORMED, Estimate
-from rpms_ros.identification.model.physiology import PRIOR
 from rpms_ros.muscle.recruitment import RateRecruitment
 from rpms_ros.pulses import (
     NANOSECONDS_PER_SECOND,

@@ -31,19 +31,29 @@ from rpms_ros.identification.estimation.blocks import (
     PulseDelayLine,
     newest,
 )
-from rpms_ros.identification.estimation.settings import PRIOR, ProjectionSettings
-from rpms_ros.identification.estimation.uncertainty import Counters, EstimateBuilder, ResidualSums
+from rpms_ros.identification.estimation.settings import PRIOR, Prior, ProjectionSettings
+from rpms_ros.identification.estimation.statement import (
+    MISFIT,
+    Counters,
+    EstimateBuilder,
+    Muscle,
+    ResidualSums,
+    Uncertainty,
+    condition_number,
+)
 from rpms_ros.identification.estimation.window_fit import LEAST_ENERGY
 from rpms_ros.identification.model.estimate import DEFAULT_RATE, Estimate, recruiting_range
 from rpms_ros.identification.model.levenberg_marquardt import Ending
-from rpms_ros.identification.model.recruitment import PARAMETERS
+from rpms_ros.identification.model.recruitment import PARAMETERS, recruitment
 from rpms_ros.identification.quality.doubts import FACTORISATION_FAILED, PlausibilityCheck
-from rpms_ros.identification.recursion.fit import accept, empty_fit, uncertainty
 from rpms_ros.identification.recursion.people_kernel import (
     KNOTS,
+    Fit,
     StepProblem,
+    accept,
     add_block,
     begin_block,
+    empty_fit,
     empty_memory,
     evaluate,
     excited,
@@ -56,8 +66,9 @@ from rpms_ros.identification.recursion.people_kernel import (
     residual_sum,
     scale_memory,
     take,
+    weak_ridge,
 )
-from rpms_ros.muscle.recruitment import RecruitmentParameters, identified_recruitment
+from rpms_ros.muscle.recruitment import RecruitmentParameters
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray
 
 PEOPLE = ProjectionSettings(start=RecruitmentParameters(0.50, 0.90, 6.0, 5.5))
@@ -213,6 +224,67 @@ class ResidualSpread:
         return ResidualSums(mean, float(self._weight[0]), *self._kept.tolist())
 
 
+def uncertainty(
+    fit: Fit, prior: Prior, sums: ResidualSums, area: FloatArray, confidence: float
+) -> tuple[Muscle, Uncertainty | None]:
+    """Return the muscle of a fit whose equations are complete, and its uncertainty.
+
+    Parameters
+    ----------
+    fit, prior : Fit, Prior
+        State of the recursion.
+    sums : ResidualSums
+        Of its residuals.
+    area : ndarray (functions,)
+        Integrals of the functions [s^1/2].
+    confidence : float
+        Level of the intervals.
+
+    Returns
+    -------
+    tuple of Muscle, Uncertainty or None
+        None while there is no sample.
+    """
+    joint = PARAMETERS + len(fit.linear)
+    lower = np.tril(fit.complete)
+    muscle = Muscle(
+        fit.theta.copy(),
+        fit.linear.copy(),
+        fit.levels.copy(),
+        moved=float(fit.moved[0]),
+        damping=float(fit.damping[0]),
+    )
+    if not fit.samples[0] > 0.0:
+        return muscle, None
+    matrix = lower + lower.T - np.diag(np.diag(lower))
+    variance = float(fit.variance[0])
+    theta = np.arange(PARAMETERS)
+    matrix[theta, theta] += variance / prior.deviation**2
+    linear = np.arange(PARAMETERS, len(matrix))
+    matrix[linear, linear] += weak_ridge(fit.energy[0], fit.samples[0], variance)
+    scale = np.sqrt(np.diag(matrix))
+    scaled = matrix / np.outer(scale, scale) + _ROUNDING * np.eye(len(matrix))
+    inverse = np.linalg.inv(scaled) / np.outer(scale, scale)
+    inflation = max(1.0, float(sums.spread.max(initial=0.0)) / variance)
+    inverse = 0.5 * (inverse + inverse.T) * variance
+    inverse[PARAMETERS:] *= np.sqrt(inflation)
+    inverse[:, PARAMETERS:] *= np.sqrt(inflation)
+    # the deviations of theta are inflated at most to those of the prior
+    deviation = np.sqrt(np.maximum(np.diag(inverse)[:PARAMETERS], 0.0))
+    most = np.maximum(prior.deviation / np.maximum(deviation, 1e-300), 1.0)
+    scale = np.ones(joint)
+    scale[:PARAMETERS] = np.minimum(np.sqrt(inflation), most)
+    covariance = inverse[:joint, :joint] * np.outer(scale, scale)
+    by_basis = MISFIT * float(np.linalg.norm(fit.linear) * np.linalg.norm(area))
+    muscle = replace(
+        muscle,
+        condition=condition_number(lower[PARAMETERS:joint, PARAMETERS:joint]),
+        area_error=math.hypot(by_basis / math.sqrt(len(fit.linear)), sums.missing_area(variance)),
+    )
+    return muscle, Uncertainty(covariance, confidence)
+
+
+_ROUNDING = 1e-12
 # Residuals count for the intervals with this share of the time since the last change as time
 # constant: the first ones are errors of parameters that were not known yet.
 _NEWEST = 0.25
@@ -391,7 +463,7 @@ class FixedSizeRecursion:
             kept = math.exp(-seconds / window)
         residual = residual_sum(memory.blocks, self._prediction.response, float(fit.levels[0]))
         weight = float(memory.blocks.weight[here]) / self._input_gain
-        rho = float(identified_recruitment(self.parameters, float(memory.blocks.intensity[here])))
+        rho = recruitment(float(memory.blocks.intensity[here]), fit.theta)
         # the block may have ended without samples: their mean time is half of what they cover
         covered = 2.0 * float(memory.blocks.moments[here, TIME]) / samples
         self._spread.take(start_ns, covered, residual, samples, weight * rho, kept)

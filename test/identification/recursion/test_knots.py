@@ -9,12 +9,12 @@ from rpms_ros.identification import LaguerreBasis
 from rpms_ros.identification.estimation.blocks import newest
 from rpms_ros.identification.estimation.settings import PRIOR
 from rpms_ros.identification.model.recruitment import recruitment_curve
-from rpms_ros.identification.recursion.fit import empty_fit
 from rpms_ros.identification.recursion.people_kernel import (
     KNOTS,
     Memory,
     add_block,
     begin_block,
+    empty_fit,
     empty_memory,
     equations,
     evaluate,
