@@ -19,8 +19,9 @@ from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.estimation.estimator import ProjectionEstimator
 from rpms_ros.identification.estimation.prior import FittedMuscle
 from rpms_ros.identification.model.estimate import Estimate, Estimator
+from rpms_ros.identification.stream.arrivals import GAP_NS
 from rpms_ros.identification.stream.monitors import Monitor, ProcessedSamples
-from rpms_ros.identification.stream.stream import GAP_NS, IdentificationStream, StreamSettings
+from rpms_ros.identification.stream.stream import IdentificationStream, StreamSettings
 from rpms_ros.printable import counted
 from rpms_ros.pulses import (
     NANOSECONDS_PER_SECOND,

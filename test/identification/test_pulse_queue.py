@@ -18,7 +18,7 @@ from rpms_ros.identification.quality.doubts import (
     stated_doubt,
 )
 from rpms_ros.identification.quality.verdict import reasons_of_data, verdict_of
-from rpms_ros.identification.stream.pulse_queue import (
+from rpms_ros.identification.stream.arrivals import (
     PulseQueue,
     no_overlap,
     of_one_intensity,

@@ -33,7 +33,7 @@ from rpms_ros.identification.quality.explained_force import (
     white_noise,
 )
 from rpms_ros.identification.session import IdentifiedSession, settled
-from rpms_ros.identification.stream.pulse_queue import no_overlap, outside_shares, range_outside
+from rpms_ros.identification.stream.arrivals import no_overlap, outside_shares, range_outside
 from rpms_ros.identification.stream.stream import StreamSettings
 from rpms_ros.printable import percent_explained
 from rpms_ros.pulses import (

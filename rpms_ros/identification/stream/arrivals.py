@@ -12,17 +12,21 @@ stamps has room for so many pulses: what comes beyond is refused and counted.
 """
 
 from collections import deque
+from collections.abc import Callable
 
 import numpy as np
 
 from rpms_ros.identification.model.estimate import SMALLEST_INTENSITY_SPAN, recruiting_range
 from rpms_ros.identification.quality import doubts as faults
-from rpms_ros.identification.quality.doubts import (
-    CLOCKS_DIFFER,
-    FORCE_WITHOUT_PULSES,
-    FaultCounter,
+from rpms_ros.identification.quality.doubts import FaultCounter
+from rpms_ros.pulses import (
+    NANOSECONDS_PER_SECOND,
+    BoolArray,
+    FloatArray,
+    ForceTrace,
+    IntArray,
+    PulseTrain,
 )
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, PulseTrain
 
 
 class PulseRoom:
@@ -153,9 +157,9 @@ class PulseQueue:
     """
 
     def __init__(self, memory_ns: int, pulse_look_ahead_ns: int, counter: FaultCounter) -> None:
-        self._memory_ns = memory_ns
+        self.memory_ns = memory_ns
         self._pulse_look_ahead_ns = pulse_look_ahead_ns
-        self._counter = counter
+        self.counter = counter
         self._begun_ns: int | None = None
         self._last_sequence: int | None = None
         self.restart()
@@ -208,8 +212,8 @@ class PulseQueue:
         """
         begun_ns = until_ns if cell_ns is None else cell_ns
         come_near, given_up = self._far.come_near(begun_ns)
-        self._counter.add(faults.PULSE_FAR_AHEAD, given_up)
-        self._counter.add(faults.PULSE_TOO_CLOSE, self._room.refused(begun_ns))
+        self.counter.add(faults.PULSE_FAR_AHEAD, given_up)
+        self.counter.add(faults.PULSE_TOO_CLOSE, self._room.refused(begun_ns))
         self._arrived += come_near
         self._merge_arrived()
         due = int(np.searchsorted(self._ordered.onset_ns, until_ns, side='right'))
@@ -257,8 +261,8 @@ class PulseQueue:
         self._last_sequence = sequence
         if 0.0 <= intensity <= 1.0:
             return True
-        self._counter.add(faults.PULSE_INTENSITY_INVALID)
-        self.exclude(onset, onset + self._memory_ns)
+        self.counter.add(faults.PULSE_INTENSITY_INVALID)
+        self.exclude(onset, onset + self.memory_ns)
         return False
 
     def _look_before(self, onset_ns: int, sequence: int) -> None:
@@ -267,34 +271,34 @@ class PulseQueue:
         The stream began amid stimulation, or pulses were lost before the first one was heard.
         After a rest in which the force was heard none acts.
         """
-        known_ns = self._memory_ns + _FOUND_WITHIN_NS
+        known_ns = self.memory_ns + _FOUND_WITHIN_NS
         rested = self._begun_ns is not None and onset_ns - self._begun_ns > known_ns
         if sequence % SEQUENCE_PERIOD and not rested:
-            self.exclude(onset_ns - self._pulse_look_ahead_ns, onset_ns + self._memory_ns)
+            self.exclude(onset_ns - self._pulse_look_ahead_ns, onset_ns + self.memory_ns)
 
     def _in_sequence(self, onset_ns: int, sequence: int) -> bool:
         """Check sequence number and interval; return whether the pulse is a new one."""
         assert self._last_onset_ns is not None
         assert self._last_sequence is not None
         if onset_ns == self._last_onset_ns and sequence == self._last_sequence:
-            self._counter.add(faults.PULSE_DUPLICATE)
+            self.counter.add(faults.PULSE_DUPLICATE)
             return False
         if onset_ns - self._last_onset_ns < _CLOSEST_NS:
-            self._counter.add(faults.PULSE_TOO_CLOSE)
-            self.exclude(onset_ns, onset_ns + self._memory_ns)
+            self.counter.add(faults.PULSE_TOO_CLOSE)
+            self.exclude(onset_ns, onset_ns + self.memory_ns)
             return False
         step = (sequence - self._last_sequence) % SEQUENCE_PERIOD
         missing_from_ns = max(self._last_onset_ns, onset_ns - self._pulse_look_ahead_ns)
         if step == 0:
-            self._counter.add(faults.PULSE_SEQUENCE_STUCK)
+            self.counter.add(faults.PULSE_SEQUENCE_STUCK)
         elif step > SEQUENCE_PERIOD // 2:
-            self._counter.add(faults.PULSE_SEQUENCE_RESTART)
+            self.counter.add(faults.PULSE_SEQUENCE_RESTART)
             if onset_ns - self._last_restart_ns < _RESTARTS_NS:
-                self.exclude(missing_from_ns, onset_ns + self._memory_ns)
+                self.exclude(missing_from_ns, onset_ns + self.memory_ns)
             self._last_restart_ns = onset_ns
         elif step > 1:
-            self._counter.add(faults.PULSE_LOST, step - 1)
-            self.exclude(missing_from_ns, onset_ns + self._memory_ns)
+            self.counter.add(faults.PULSE_LOST, step - 1)
+            self.exclude(missing_from_ns, onset_ns + self.memory_ns)
         return True
 
 
@@ -358,197 +362,184 @@ class StrayPulses:
         return count
 
 
-# Sums of 30 s, and lags up to 10 s at either side.
-_BIN_NS = 5_000_000
-_BINS, _LAGS = 6000, 2000
-# Pulses are known so far ahead of the samples.
-_AHEAD = 40
-_FEWEST = 20
-# Intensities that are so much alike from pulse to pulse tell no delay.
-_FORETOLD = 0.9
-# Pulses in a row that arrive apart from the force; those kept.
-_FEW_APART, _STRANGE = 5, 200
-# Peak of a correlation in standard deviations of the rest of it.
-_CLEAR = 6.0
-# When the force may begin after its pulse [s]: latency of a muscle, and the delay of a filter.
-_ONSET = (-0.02, 0.05)
-# The response to a pulse is over after 0.6 s; rest of 1 s tells something.
-_RESPONSE_BINS, _LEAST_REST = 120, 200
-# Share of what pulses cause that is no chance, and how many standard deviations of chance.
-_ALIKE, _CERTAIN, _PERIODS = 0.25, 4.0, 4
+# Longest pause of the force that does not count as a gap [ns].
+GAP_NS = NANOSECONDS_PER_SECOND
+# Most samples that may wait: a block of the batch at 100 kHz, and the delays before and after it.
+MOST_WAITING = 600_000
+# So many samples out of order within this time are treated as a fault that lasts [1], [ns].
+_DISORDER = 3
+_DISORDER_NS = NANOSECONDS_PER_SECOND
 
 
-class Alignment:
-    """Whether force and pulses belong together in time, over the last half minute of a stream.
+class ForceIntake:
+    """Takes samples in the order of arrival and keeps them, with rising stamps, until processed.
 
-    Pulses of another clock arrive far from the force that came before them, all by the same
-    time.  Where that says nothing, the increments of the force are correlated with the pulses: a
-    muscle answers a pulse within some tens of milliseconds and not before it.  And force that goes
-    on at the rate of the pulses where there are none has pulses that nobody was told of.
+    Samples that are not finite, larger than a limit, repeated or stamped wrongly are dropped and
+    counted; a stamp far from its predecessor is accepted when a second one follows it.
 
     Parameters
     ----------
-    lasting : bool
-        Whether what was found stays until the end, as for an estimator that forgets nothing.
-
-    Attributes
-    ----------
-    found : dict of str to str
-        Doubts by name, each with its reason for people.
+    pulses : PulseQueue
+        Learns what time is excluded: there pulses may act of which nobody knows.
+    reorder_delay_ns : int
+        How long a sample waits [ns].
+    largest_force : float
+        Larger ones are dropped [N].
+    jumped : callable
+        Called with the first stamp [ns] of a new time line, before samples of it are kept.
     """
 
-    def __init__(self, lasting: bool) -> None:
-        self._lasting = lasting
-        self.found: dict[str, str] = {}
-        self.restart()
-
-    def restart(self) -> None:
-        """Forget earlier stamps: the clock has jumped."""
-        self._strange: deque[tuple[int, int, int]] = deque(maxlen=_STRANGE)
-        self._newest_bin: int | None = None
-        self._bins = np.zeros((4, _BINS))
-
-    def arrived_apart(self, onset_ns: IntArray, newest_ns: int) -> None:
-        """Note pulses (pulses,) that arrive far from the newest stamp of the force [ns]."""
-        self._strange.extend((newest_ns, onset, onset - newest_ns) for onset in onset_ns.tolist())
-
-    def add(
-        self, stamp_ns: IntArray, force: FloatArray, onset_ns: IntArray, intensity: FloatArray
+    def __init__(
+        self,
+        pulses: PulseQueue,
+        reorder_delay_ns: int,
+        largest_force: float,
+        jumped: Callable[[int], None],
     ) -> None:
-        """Add processed samples (samples,) and pulses (pulses,), ascending [ns, N, ns, 1].
+        self._pulses, self._jumped = pulses, jumped
+        self._reorder_delay_ns = reorder_delay_ns
+        self._largest_force = largest_force
+        self._waiting: list[tuple[IntArray, FloatArray]] = []
+        self._count = 0
+        self.newest_ns: int | None = None
+        self._newest_force = 0.0
+        # a sample that waits for another one to confirm its stamp
+        self.alone: tuple[int, float] | None = None
+        self._out_of_order: deque[int] = deque(maxlen=_DISORDER)
 
-        The sums do not depend on how samples are cut into blocks, in no bit.
+    def add(self, forces: ForceTrace) -> None:
+        """Add force samples; bad ones are dropped and counted."""
+        if not len(forces):
+            return
+        finite = np.isfinite(forces.force)
+        bad = ~self.believes(forces.force)
+        start = 0
+        for place in (*np.flatnonzero(bad).tolist(), len(bad)):
+            if place > start:
+                self._take(forces.stamp_ns[start:place], forces.force[start:place])
+            if place < len(bad):
+                name = faults.FORCE_OUT_OF_BOUNDS if finite[place] else faults.FORCE_NOT_FINITE
+                self._postpone(name)
+            start = place + 1
+
+    def believes(self, force: FloatArray) -> BoolArray:
+        """Return which values (samples,) can be forces."""
+        with np.errstate(invalid='ignore'):
+            believed: BoolArray = np.abs(force) <= self._largest_force
+        return believed
+
+    @property
+    def first_ns(self) -> int | None:
+        """Stamp of the first sample that waits [ns]."""
+        return int(self._waiting[0][0][0]) if self._waiting else None
+
+    def take(self, until_ns: int) -> tuple[IntArray, FloatArray, int]:
+        """Return all waiting samples (samples,), and how many have stamps up to `until_ns` [ns].
+
+        The latter are removed; some have to wait.
         """
-        if len(onset_ns):
-            # these came in time
-            self._strange.clear()
-        newest = int(stamp_ns[-1]) // _BIN_NS + _AHEAD
-        before = newest - _BINS if self._newest_bin is None else self._newest_bin
-        self._bins[:, np.arange(max(before, newest - _BINS) + 1, newest + 1) % _BINS] = 0.0
-        self._newest_bin = newest
-        for row, at_ns, values in ((0, stamp_ns, force), (2, onset_ns, intensity)):
-            place = at_ns // _BIN_NS
-            recent = (place > newest - _BINS) & (place <= newest)
-            np.add.at(self._bins[row], place[recent] % _BINS, values[recent])
-            np.add.at(self._bins[row + 1], place[recent] % _BINS, 1.0)
+        stamps = np.concatenate([stamps for stamps, _ in self._waiting])
+        values = np.concatenate([values for _, values in self._waiting])
+        due = int(np.searchsorted(stamps, until_ns, side='right'))
+        self._waiting = [(stamps[due:], values[due:])] if due < len(stamps) else []
+        self._count = len(stamps) - due
+        return stamps, values, due
 
-    def judge(self, until_ns: int) -> None:
-        """Look at what came until the newest processed stamp [ns]; to be called now and then."""
-        found = dict(self.found)
-        if self._newest_bin is not None:
-            order = np.arange(self._newest_bin + 1, self._newest_bin + 1 + _BINS) % _BINS
-            force, samples, intensity, pulses = self._bins[:, order]
-            known = np.flatnonzero(samples)
-            if np.count_nonzero(pulses) >= _FEWEST and len(known) > _FEWEST:
-                course = np.interp(np.arange(_BINS), known, force[known] / samples[known])
-                step = np.diff(course)
-                found = {} if not self._lasting else found
-                found |= _answered_apart(step, intensity[:-1], pulses[:-1], known[0], known[-1])
-                found |= _going_on(course[:-1], step, pulses[:-1], known[0], known[-1])
-        apart = [one for one in self._strange if one[0] <= until_ns]
-        if len(apart) >= _FEW_APART:
-            lags = np.array([lag for _, _, lag in apart]) / NANOSECONDS_PER_SECOND
-            middle = float(np.median(lags))
-            lasts = abs(apart[-1][1] - apart[0][1]) >= NANOSECONDS_PER_SECOND
-            if lasts and np.ptp(lags) < 0.5 * abs(middle):
-                found |= {CLOCKS_DIFFER: _apart(middle, 'pulses are stamped', 'the force')}
-        self.found = found
+    def drop_alone(self) -> None:
+        """Drop the sample whose stamp was not confirmed."""
+        if self.alone is not None:
+            self._postpone(faults.FORCE_STAMP_ALONE)
+            self.alone = None
 
+    def exclude(self, start_ns: int, end_ns: int) -> None:
+        """Do not learn from samples after `start_ns` up to `end_ns` that are not yet due.
 
-def _apart(seconds: float, what: str, other: str) -> str:
-    which = 'before' if seconds < 0.0 else 'after'
-    return (
-        f'{CLOCKS_DIFFER}: {what} {abs(seconds):.3g} s {which} {other}: the clocks of sensor and '
-        'stimulator differ, or one is delayed'
-    )
+        Samples are due `reorder_delay` before the newest one.  Due samples that wait all the same
+        are learnt from, so that the result does not depend on when the stream is advanced.
+        """
+        if self.newest_ns is not None:
+            start_ns = max(start_ns, self.newest_ns - self._reorder_delay_ns)
+        if start_ns < end_ns:
+            self._pulses.exclude(start_ns, end_ns)
 
+    def _postpone(self, name: str) -> None:
+        """Count a fault when the samples up to the newest one are processed."""
+        self._pulses.counter.postpone(name, self.newest_ns)
 
-def _answered_apart(
-    step: FloatArray, intensity: FloatArray, pulses: FloatArray, first: int, last: int
-) -> dict[str, str]:
-    """Return a doubt if the increments of the force (bins,) do not follow the pulses (bins,)."""
-    step = np.clip(step, *np.quantile(step, (0.005, 0.995)))
-    places = np.flatnonzero(pulses)
-    given = intensity[places] / pulses[places]
-    drive = pulses - pulses.mean()
-    varied = float(np.ptp(given)) >= SMALLEST_INTENSITY_SPAN
-    given -= given.mean()
-    alike = float(given[1:] @ given[:-1]) / float(given @ given) if varied else 1.0
-    if alike < _FORETOLD:
-        # what the pulse before does not tell, or levels that are held would answer ahead
-        drive[:] = 0.0
-        drive[places[1:]] = given[1:] - alike * given[:-1]
-    known = (np.arange(len(step)) >= first) & (np.arange(len(step)) < last)
-    room = _correlated(known.astype(float), np.square(drive))
-    # lags at which little is left to compare are no measure of chance
-    enough = room >= 0.25 * room.max()
-    together = np.where(enough, _correlated(step - step[known].mean() * known, drive), 0.0)
-    together /= np.sqrt(np.where(enough, room, 1.0))
-    peak = int(np.argmax(np.abs(together)))
-    together *= np.sign(together[peak])
-    if together[peak] <= _CLEAR * 1.4826 * float(np.median(np.abs(together[enough]))):
-        return {}
-    # where pulses are alike, other lags explain as much: none of them may be possible
-    high = np.flatnonzero(together >= 0.6 * together[peak])
-    low = np.flatnonzero(together <= 0.25 * together[peak])
-    begins = low[np.maximum(np.searchsorted(low, high) - 1, 0)] + 1
-    onset = (begins - _LAGS + 0.5) * _BIN_NS / NANOSECONDS_PER_SECOND
-    if ((onset >= _ONSET[0]) & (onset <= _ONSET[1])).any():
-        return {}
-    nearest = float(onset[np.argmin(np.abs(onset))])
-    return {CLOCKS_DIFFER: _apart(nearest, 'the force answers', 'the pulses')}
+    def _take(self, stamps: IntArray, values: FloatArray) -> None:
+        """Take samples (samples,) of possible values, with stamps of any kind."""
+        steps = np.diff(stamps)
+        irregular = np.flatnonzero((steps <= 0) | (steps > GAP_NS)) + 1
+        ends = np.append(irregular, len(stamps))
+        start = 0
+        while start < len(stamps):
+            if not self._goes_on(int(stamps[start]), float(values[start])):
+                start += 1
+                continue
+            end = int(ends[np.searchsorted(ends, start, side='right')])
+            self._keep(stamps[start:end], values[start:end])
+            start = end
 
+    def _goes_on(self, stamp_ns: int, value: float) -> bool:
+        """Return whether a sample continues the time line."""
+        if self.newest_ns is None:
+            return True
+        step = stamp_ns - self.newest_ns
+        if -GAP_NS <= step <= 0:
+            self._refuse(step, value)
+            return False
+        if abs(step) > GAP_NS and not self._follow_alone(stamp_ns, value):
+            return False
+        self.drop_alone()
+        return True
 
-def _correlated(course: FloatArray, drive: FloatArray) -> FloatArray:
-    """Return the correlation of a course with a drive (bins,) by lag, that of 0 in the middle."""
-    # no shorter lag wraps around
-    size = _BINS + _LAGS
-    spectrum = np.fft.rfft(course, size) * np.conj(np.fft.rfft(drive, size))
-    by_lag = np.fft.irfft(spectrum, size)
-    return np.concatenate((by_lag[-_LAGS:], by_lag[: _LAGS + 1]))
+    def _keep(self, stamps: IntArray, values: FloatArray) -> None:
+        room = MOST_WAITING - self._count
+        for _ in range(len(stamps) - room):
+            self._postpone(faults.FORCE_QUEUE_FULL)
+        if room > 0:
+            self._waiting.append((stamps[:room], values[:room]))
+            self._count += len(stamps[:room])
+        self.newest_ns = int(stamps[-1])
+        self._newest_force = float(values[-1])
 
+    def _refuse(self, step: int, value: float) -> None:
+        """Count a sample that is stamped like or before its predecessor."""
+        assert self.newest_ns is not None
+        if step == 0 and value == self._newest_force:
+            self._postpone(faults.FORCE_DUPLICATE)
+            return
+        if step == 0:
+            self._postpone(faults.FORCE_CONFLICT)
+            self.exclude(self.newest_ns - 1, self.newest_ns)
+        else:
+            self._postpone(faults.FORCE_STAMP_NOT_AFTER_LAST)
+        self._out_of_order.append(self.newest_ns)
+        first_ns = self._out_of_order[0]
+        if len(self._out_of_order) == _DISORDER and self.newest_ns - first_ns <= _DISORDER_NS:
+            self.exclude(first_ns - 1, self.newest_ns + self._pulses.memory_ns)
 
-def _going_on(
-    course: FloatArray, step: FloatArray, pulses: FloatArray, first: int, last: int
-) -> dict[str, str]:
-    """Return a doubt if the force goes on where there are no pulses.
+    def _follow_alone(self, stamp_ns: int, value: float) -> bool:
+        """Accept a stamp far from its predecessor when a second one follows it.
 
-    It does at their rate, or moves as much as with them: those of random intensity leave no trace
-    of their rate.
-    """
-    places = np.flatnonzero(pulses)
-    period = int(np.median(np.diff(places)))
-    every = np.arange(len(step))
-    since = every - places[np.maximum(np.searchsorted(places, every, side='right') - 1, 0)]
-    since[: places[0]] = _BINS
-    inside = (every >= first) & (every < last)
-    rest = inside & (since > max(_RESPONSE_BINS, 2 * period))
-    if period < 2 or np.count_nonzero(rest) < _LEAST_REST:
-        return {}
-
-    def beat(chosen: BoolArray) -> tuple[float, float]:
-        """Return how alike increments some periods apart are, and their power."""
-        total = 0.0
-        # not within the response to one pulse, which is alike by itself
-        for half in range(3, 2 * _PERIODS + 4):
-            lag = half * period // 2
-            pair = chosen[lag:] & chosen[:-lag]
-            alike = float(np.mean(step[lag:][pair] * step[:-lag][pair])) if pair.any() else 0.0
-            weight = 0.5 if half in (3, 2 * _PERIODS + 3) else 1.0
-            total += -weight * alike if half % 2 else weight * alike
-        return total / _PERIODS, float(np.mean(np.square(step[chosen])))
-
-    active = inside & (since <= period)
-    (alone, power), (driven, _) = beat(rest), beat(active)
-    chance = _CERTAIN * power / np.count_nonzero(rest) ** 0.5
-    found = ''
-    if alone >= chance and 0.0 < _ALIKE * driven < alone:
-        found = 'goes on at the rate of the pulses: some are not in the data'
-    elif course[rest].var() > max(_ALIKE * float(course[active].var()), _CERTAIN**2 * power):
-        found = 'moves as with pulses: some are not in the data, or the patient tenses there'
-    seconds = np.count_nonzero(rest) * _BIN_NS / NANOSECONDS_PER_SECOND
-    said = f'{FORCE_WITHOUT_PULSES}: for {seconds:.2g} s without a pulse the force {found}'
-    return {FORCE_WITHOUT_PULSES: said} if found else {}
+        Otherwise one wrong stamp would count as two jumps of the clock.  Returns whether
+        `stamp_ns` confirms the sample that is waiting alone; if not, it waits in its place.
+        """
+        if self.alone is None or not 0 < stamp_ns - self.alone[0] <= GAP_NS:
+            self.drop_alone()
+            self.alone = (stamp_ns, value)
+            return False
+        (first_ns, first), self.alone = self.alone, None
+        assert self.newest_ns is not None
+        if first_ns < self.newest_ns:
+            self._jumped(first_ns)
+        else:
+            # unknown pulses may have been given during the gap
+            self._postpone(faults.FORCE_GAP)
+            self.exclude(self.newest_ns, first_ns + self._pulses.memory_ns)
+        self._out_of_order.clear()
+        self._keep(np.array([first_ns]), np.array([first]))
+        return True
 
 
 # Above a rounding error or an offset of shares, up to the maximum in per cent.
