@@ -18,7 +18,7 @@ not push, and the twitch of one pulse is not larger than the largest force that 
 such pulses were given.
 """
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -167,33 +167,34 @@ class FaultCounter:
 
     def __init__(self, further: Mapping[str, str] | None = None) -> None:
         self._meaning = {**MEANING, **(further or {})}
-        self._counts: dict[str, int] = {}
-        self._postponed: dict[tuple[int, str], int] = {}
+        self._counts: Counter[str] = Counter()
+        self._postponed: Counter[tuple[int, str]] = Counter()
 
     def add(self, name: str, count: int = 1) -> None:
         """Count `count` more faults of a known kind."""
         if name not in self._meaning:
             raise KeyError(f'expected a fault of {", ".join(self._meaning)}, got {name}')
-        if count:
-            self._counts[name] = self._counts.get(name, 0) + count
+        self._counts[name] += count
 
-    def postpone(self, name: str, after_ns: int | None) -> None:
-        """Keep a fault that was found after a stamp [ns]; None: before the first."""
+    def postpone(self, name: str, after_ns: int | None, count: int = 1) -> None:
+        """Keep faults that count after a stamp [ns]; None: before the first."""
         # without one, earlier than any stamp
-        key = (-(2**63) if after_ns is None else after_ns, name)
-        self._postponed[key] = self._postponed.get(key, 0) + 1
+        self._postponed[-(2**63) if after_ns is None else after_ns, name] += count
 
     def count_until(self, until_ns: int | None) -> None:
         """Count what was found after stamps up to `until_ns`; None: everything."""
         for key in [key for key in self._postponed if until_ns is None or key[0] <= until_ns]:
             self.add(key[1], self._postponed.pop(key))
 
-    def counts(self, postponed: bool = False) -> dict[str, int]:
-        """Return the counts so far, in the order of the names; with `postponed`, those not due."""
-        total = dict(self._counts)
-        for (_, name), count in self._postponed.items() if postponed else ():
-            total[name] = total.get(name, 0) + count
-        return {name: total[name] for name in self._meaning if name in total}
+    def counts(self, found_ns: int | None = None) -> dict[str, int]:
+        """Return the counts so far, in the order of the names.
+
+        Those that were found after stamps up to `found_ns` [ns] are included, if it is given.
+        """
+        total = self._counts.copy()
+        for (after_ns, name), count in self._postponed.items():
+            total[name] += count if found_ns is not None and after_ns <= found_ns else 0
+        return {name: total[name] for name in self._meaning if total[name]}
 
 
 # A share is taken of at least so many samples [1].

@@ -11,7 +11,7 @@ stamped long before it are late, or the first ones after a clock has jumped back
 stamps has room for so many pulses: what comes beyond is refused and counted.
 """
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable
 
 import numpy as np
@@ -43,8 +43,8 @@ class PulseRoom:
 
     def __init__(self, most: int) -> None:
         self._most = most
-        self._taken: dict[int, int] = {}
-        self._refused: dict[int, int] = {}
+        self._taken: Counter[int] = Counter()
+        self._refused: Counter[int] = Counter()
 
     def admitted(self, pulses: PulseTrain, stamp_ns: IntArray) -> PulseTrain:
         """Return the pulses for which there is room in the seconds of these stamps (pulses,)."""
@@ -52,11 +52,10 @@ class PulseRoom:
         kept: BoolArray = np.ones(len(pulses), dtype=np.bool_)
         for one in np.unique(second).tolist():
             here = np.flatnonzero(second == one)
-            room = self._most - self._taken.get(one, 0)
-            self._taken[one] = self._taken.get(one, 0) + min(len(here), room)
-            if len(here) > room:
-                kept[here[room:]] = False
-                self._refused[one] = self._refused.get(one, 0) + len(here) - room
+            room = self._most - self._taken[one]
+            kept[here[room:]] = False
+            self._taken[one] += len(here[:room])
+            self._refused[one] += len(here[room:])
         return pulses[kept]
 
     def refused(self, until_ns: int) -> int:
@@ -72,17 +71,16 @@ FAR_NS = 10 * NANOSECONDS_PER_SECOND
 # So many are kept of those that come while the force goes on by a second, or before the first of
 # it: pulses of more than an hour at 20 Hz.
 MOST_PULSES = 100_000
-# Where the force was before its first sample.
-LONG_AGO = -(2**63)
+# Where the force was before its first sample, and where it never comes.
+LONG_AGO, _NEVER = -(2**63), 2**63 - 1
 
 
 class FarPulses:
-    """Keeps far pulses, by the newest stamp of the force when they arrived."""
+    """Keeps far pulses, each with the newest stamp of the force when it arrived."""
 
     def __init__(self) -> None:
-        self._kept: list[tuple[int | None, PulseTrain]] = []
-        self._count = 0
-        self._nearest_ns = 0
+        self._kept = PulseTrain.of([])
+        self._since_ns = np.empty(0, dtype=np.int64)
         self._room = PulseRoom(MOST_PULSES)
 
     def take(self, pulses: PulseTrain, newest_ns: int | None) -> PulseTrain:
@@ -97,38 +95,24 @@ class FarPulses:
             kept = pulses[far]
             if newest_ns is not None:
                 kept = self._admitted(kept, newest_ns)
-            self._keep(kept, newest_ns)
+            self._kept = PulseTrain.joined([self._kept, kept])
+            # those before the first sample are not given up
+            since_ns = np.full(len(kept), _NEVER if newest_ns is None else newest_ns)
+            self._since_ns = np.concatenate((self._since_ns, since_ns))
         return pulses[~far]
 
-    def come_near(self, until_ns: int) -> tuple[list[PulseTrain], int]:
+    def come_near(self, until_ns: int) -> tuple[PulseTrain, int]:
         """Return the pulses no longer far at `until_ns` [ns], and how many were given up."""
-        near: list[PulseTrain] = []
         given_up = self._room.refused(until_ns)
-        oldest = self._kept[0][0] if self._kept else None
-        due = oldest is not None and until_ns > oldest + FAR_NS
-        if self._count and (due or self._nearest_ns <= until_ns + FAR_NS):
-            kept, self._kept, self._count = self._kept, [], 0
-            for newest_ns, train in kept:
-                far = train.onset_ns > until_ns + FAR_NS
-                near.append(train[~far])
-                if newest_ns is not None and until_ns > newest_ns + FAR_NS:
-                    given_up += int(np.count_nonzero(far))
-                elif far.any():
-                    self._keep(train[far], newest_ns)
-        return near, given_up
+        near = self._kept.onset_ns <= until_ns + FAR_NS
+        far_too_long = ~near & (self._since_ns < until_ns - FAR_NS)
+        found, kept = self._kept[near], ~near & ~far_too_long
+        if not kept.all():
+            self._kept, self._since_ns = self._kept[kept], self._since_ns[kept]
+        return found, given_up + int(np.count_nonzero(far_too_long))
 
     def _admitted(self, pulses: PulseTrain, newest_ns: int) -> PulseTrain:
         return self._room.admitted(pulses, np.full(len(pulses), newest_ns, dtype=np.int64))
-
-    def _keep(self, pulses: PulseTrain, newest_ns: int | None) -> None:
-        if not len(pulses):
-            return
-        nearest_ns = int(pulses.onset_ns.min())
-        self._nearest_ns = min(self._nearest_ns, nearest_ns) if self._count else nearest_ns
-        self._count += len(pulses)
-        if self._kept and self._kept[-1][0] == newest_ns:
-            pulses = PulseTrain.joined([self._kept.pop()[1], pulses])
-        self._kept.append((newest_ns, pulses))
 
 
 SEQUENCE_PERIOD = 2**32
@@ -214,7 +198,8 @@ class PulseQueue:
         come_near, given_up = self._far.come_near(begun_ns)
         self.counter.add(faults.PULSE_FAR_AHEAD, given_up)
         self.counter.add(faults.PULSE_TOO_CLOSE, self._room.refused(begun_ns))
-        self._arrived += come_near
+        if len(come_near):
+            self._arrived.append(come_near)
         self._merge_arrived()
         due = int(np.searchsorted(self._ordered.onset_ns, until_ns, side='right'))
         if not due:
@@ -308,7 +293,7 @@ _MOST_STRAYS = 1000
 
 
 class StrayPulses:
-    """Keeps stray pulses until the force shows whether the clock has jumped.
+    """Keeps stray pulses until the force shows whether the clock has jumped; else they are late.
 
     The result does not depend on how the stream is cut into blocks.
 
@@ -316,50 +301,39 @@ class StrayPulses:
     ----------
     overtaking_ns : int
         How long before the force a pulse of a new time line may arrive [ns].
+    counter : FaultCounter
+        Where those that are late are counted.
     """
 
-    def __init__(self, overtaking_ns: int) -> None:
+    def __init__(self, overtaking_ns: int, counter: FaultCounter) -> None:
         self._overtaking_ns = overtaking_ns
-        # While a pulse may be of a new time line, it is not late.
-        self._patience_ns = max(_PATIENCE_NS, overtaking_ns)
-        self._kept: deque[tuple[int, PulseTrain]] = deque()
-        self._count = 0
-        self._late: deque[tuple[int, int]] = deque()
+        self._counter = counter
+        self._kept: list[tuple[int, PulseTrain]] = []
 
     def add(self, pulses: PulseTrain, newest_ns: int) -> None:
         """Keep pulses that arrived when the newest force was at `newest_ns`; they may be none."""
         if not len(pulses):
             return
-        while self._kept and self._kept[0][0] + self._overtaking_ns < newest_ns:
-            self._count -= len(self._kept.popleft()[1])
-        kept = pulses[: max(_MOST_STRAYS - self._count, 0)]
-        if len(kept):
-            self._kept.append((newest_ns, kept))
-            self._count += len(kept)
-        before = self._late.pop()[1] if self._late and self._late[-1][0] == newest_ns else 0
-        self._late.append((newest_ns, before + len(pulses)))
+        self._count(len(pulses), newest_ns)
+        self._kept = self._overtaking(newest_ns)
+        room = _MOST_STRAYS - sum(len(train) for _, train in self._kept)
+        if len(pulses[:room]):
+            self._kept.append((newest_ns, pulses[:room]))
 
     def taken(self, newest_ns: int) -> PulseTrain:
         """Return the pulses that arrived just before the clock jumped; the others are late."""
-        kept, self._kept, self._count = self._kept, deque(), 0
-        recent = [one for one in kept if one[0] >= newest_ns - self._overtaking_ns]
-        late = dict(self._late)
-        for since, train in recent:
-            late[since] -= len(train)
-        self._late = deque(late.items())
+        recent, self._kept = self._overtaking(newest_ns), []
+        for since_ns, train in recent:
+            self._count(-len(train), since_ns)
         return PulseTrain.joined([PulseTrain.of([]), *(train for _, train in recent)])
 
-    def given_up(self, until_ns: int | None) -> int:
-        """Return how many are late, now that the force has come to `until_ns` [ns].
+    def _overtaking(self, newest_ns: int) -> list[tuple[int, PulseTrain]]:
+        return [one for one in self._kept if one[0] >= newest_ns - self._overtaking_ns]
 
-        None: the session ends.
-        """
-        count = 0
-        while self._late and (until_ns is None or self._late[0][0] + self._patience_ns < until_ns):
-            count += self._late.popleft()[1]
-        if until_ns is None:
-            self._kept, self._count = deque(), 0
-        return count
+    def _count(self, count: int, since_ns: int) -> None:
+        """Count pulses as late, from when on the clock can no longer have jumped."""
+        patience_ns = max(_PATIENCE_NS, self._overtaking_ns)
+        self._counter.postpone(faults.PULSE_LATE, since_ns + patience_ns + 1, count)
 
 
 # Longest pause of the force that does not count as a gap [ns].

@@ -84,12 +84,10 @@ class StreamSettings:
 CELL_NS = 100_000_000
 # With a shorter delay there are no samples around one before it is used.
 LEAST_DELAY_NS = 20_000_000
-# Cells of a block of a recording: for the first 20 s, in which outliers are to be found as soon as
-# the force is predicted, and then.
-_SHORT_CELLS, _LONG_CELLS = 10, 50
+# Cells of a block on line; and of a recording: for the first 20 s, in which outliers are to be
+# found as soon as the force is predicted, and then.
+_ONE_BY_ONE, _TOGETHER = (1, 1), (10, 50)
 _SHORT_FOR_NS = 20_000_000_000
-# Each fault is one bit in the marks of a sample.
-_MOST_FAULTS = 62
 Answer = TypeVar('Answer')
 # The columns of `ProcessedSamples`: of samples, and of pulses.
 _Samples = tuple[IntArray, FloatArray, FloatArray, BoolArray]
@@ -130,12 +128,11 @@ class Pipeline:
         self._predicts = self._examines and look_ahead_ns >= LEAST_DELAY_NS // 2
         if self._predicts:
             self.cell_ns = min(self.cell_ns, look_ahead_ns)
-        self._on_line = on_line
+        self._cells = _ONE_BY_ONE if on_line else _TOGETHER
         self._look_ahead_ns = look_ahead_ns
-        self._names: list[str] = []
         self._long_from_ns = 0
         self._block: int | None = None
-        self._marks = np.empty(0, dtype=np.int64)
+        self._found: dict[str, BoolArray] = {}
         self._before = np.empty(0, dtype=np.int64), np.empty(0)
         self._samples: list[_Samples] = []
         self._pulses: list[_Pulses] = []
@@ -146,9 +143,7 @@ class Pipeline:
 
     def blocks_of(self, stamp_ns: IntArray) -> IntArray:
         """Return where the blocks of cells begin to which stamps (samples,) belong [ns]."""
-        if self._on_line:
-            return stamp_ns // self.cell_ns * self.cell_ns
-        long_ns, short_ns = _LONG_CELLS * self.cell_ns, _SHORT_CELLS * self.cell_ns
+        short_ns, long_ns = (cells * self.cell_ns for cells in self._cells)
         begin_ns = stamp_ns // long_ns * long_ns
         return np.where(begin_ns >= self._long_from_ns, begin_ns, stamp_ns // short_ns * short_ns)
 
@@ -163,35 +158,27 @@ class Pipeline:
         first: int,
         last: int,
         predicted: Callable[[IntArray], FloatArray | None],
-    ) -> IntArray:
-        """Return the faults of samples first .. last - 1 of one block of cells, one bit each.
+    ) -> dict[str, BoolArray]:
+        """Return which of the samples first .. last - 1 of one block of cells have each fault.
 
         `stamp_ns` and `force` (samples,) are all waiting samples, ascending; those before `first`
         have been examined.  `predicted` returns the prediction of the samples of a block.
         """
         if not self._examines:
-            return np.zeros(last - first, dtype=np.int64)
+            return {}
         grid_ns = self._grid_ns(int(stamp_ns[first]))
         if int(grid_ns[0]) != self._block:
             self._block = int(grid_ns[0])
-            self._marks = self._marks_of(self._window(stamp_ns, force, first, grid_ns, predicted))
+            self._found = self._faults(self._window(stamp_ns, force, first, grid_ns, predicted))
         before = (
             np.concatenate((self._before[0], stamp_ns[first:last])),
             np.concatenate((self._before[1], force[first:last])),
         )
         kept = int(np.searchsorted(before[0], grid_ns[-1] - 2 * self.cell_ns))
         self._before = before[0][kept:], before[1][kept:]
-        marks, self._marks = self._marks[: last - first], self._marks[last - first :]
-        return marks
-
-    def concerned(self, marks: IntArray) -> dict[str, BoolArray]:
-        """Return which samples (samples,) have each fault."""
-        found = int(np.bitwise_or.reduce(marks)) if len(marks) else 0
-        return {
-            name: (marks & (1 << bit)) != 0
-            for bit, name in enumerate(self._names)
-            if found & (1 << bit)
-        }
+        here = {name: one[: last - first] for name, one in self._found.items()}
+        self._found = {name: one[last - first :] for name, one in self._found.items()}
+        return here
 
     def add_pulses(self, onset_ns: IntArray, intensity: FloatArray) -> None:
         """Keep pulses (pulses,) that the estimator got, ascending, for the present block."""
@@ -232,8 +219,7 @@ class Pipeline:
 
     def restart(self) -> None:
         """Forget earlier stamps: the clock has jumped back."""
-        self._block = None
-        self._marks = np.empty(0, dtype=np.int64)
+        self._block, self._found = None, {}
         self._before = np.empty(0, dtype=np.int64), np.empty(0)
         for monitor in self._monitors:
             monitor.restart()
@@ -261,28 +247,20 @@ class Pipeline:
 
     def _grid_ns(self, stamp_ns: int) -> IntArray:
         """Return where the cells of the block of a stamp begin, and where the last one ends."""
-        begin_ns, cells = self.block_of(stamp_ns), 1
-        if not self._on_line:
-            long_ns = _LONG_CELLS * self.cell_ns
-            long = stamp_ns // long_ns * long_ns >= self._long_from_ns
-            cells = _LONG_CELLS if long else _SHORT_CELLS
-        return begin_ns + self.cell_ns * np.arange(cells + 1)
+        begin_ns = self.block_of(stamp_ns)
+        long_ns = self._cells[1] * self.cell_ns
+        long = stamp_ns // long_ns * long_ns >= self._long_from_ns
+        return begin_ns + self.cell_ns * np.arange(self._cells[long] + 1)
 
-    def _marks_of(self, window: Window) -> IntArray:
-        marks = np.zeros(window.last - window.first, dtype=np.int64)
+    def _faults(self, window: Window) -> dict[str, BoolArray]:
+        """Return which samples of a block have each fault, all monitors together."""
+        faulty: dict[str, BoolArray] = {}
         for monitor in list(self._monitors):
             found: Mapping[str, BoolArray] = self._ask(monitor, monitor.examine_all, window, {})
             for name, concerned in found.items():
-                marks[concerned] |= 1 << self._bit(name)
+                faulty.setdefault(name, np.zeros_like(window.found))[concerned] = True
                 window.found[concerned] = True
-        return marks
-
-    def _bit(self, name: str) -> int:
-        if name not in self._names:
-            if len(self._names) >= _MOST_FAULTS:
-                raise KeyError(f'expected at most {_MOST_FAULTS} faults of samples, got {name}')
-            self._names.append(name)
-        return self._names.index(name)
+        return {name: one for name, one in faulty.items() if one.any()}
 
     def _ask(
         self, monitor: Monitor, method: Callable[..., Answer], what: object, otherwise: Answer
@@ -336,7 +314,8 @@ class IdentificationStream:
         self._reorder_delay_ns = nanoseconds(settings.reorder_delay)
         self._pulse_look_ahead_ns = nanoseconds(settings.pulse_look_ahead)
         self._queue = PulseQueue(self._memory_ns, self._pulse_look_ahead_ns, self._counter)
-        self._strays = StrayPulses(2 * self._pulse_look_ahead_ns + self._memory_ns)
+        overtaking_ns = 2 * self._pulse_look_ahead_ns + self._memory_ns
+        self._strays = StrayPulses(overtaking_ns, self._counter)
         self._intake = ForceIntake(
             self._queue, self._reorder_delay_ns, settings.largest_force, self._jump_back
         )
@@ -365,7 +344,8 @@ class IdentificationStream:
     @property
     def fault_counts(self) -> dict[str, int]:
         """Counts of faults so far by name, those of waiting samples included."""
-        return self._counter.counts(postponed=True)
+        newest_ns = self._intake.newest_ns
+        return self._counter.counts(LONG_AGO if newest_ns is None else newest_ns)
 
     def add_pulses(self, pulses: PulseTrain) -> None:
         """Add pulses, in any order, valid or not."""
@@ -498,7 +478,7 @@ class IdentificationStream:
     def _end_of_line(self) -> None:
         if self._intake.newest_ns is not None:
             self._release(self._intake.newest_ns)
-        self._count_postponed(None)
+        self._counter.count_until(None)
         self._flush()
 
     def _release(self, until_ns: int, complete: bool = False) -> None:
@@ -529,7 +509,7 @@ class IdentificationStream:
         if ends_cell or ends_block:
             # Faults found after the last sample of the old cell count here, however the data are
             # cut into blocks.
-            self._count_postponed(self._last_ns)
+            self._counter.count_until(self._last_ns)
         if ends_block:
             self._flush()
         if ends_cell:
@@ -555,15 +535,17 @@ class IdentificationStream:
         if self._cells // align > before // align:
             self._alignment.judge(self._last_ns)
 
-    def _process(self, stamps: IntArray, values: FloatArray, marks: IntArray) -> None:
+    def _process(
+        self, stamps: IntArray, values: FloatArray, marks: Mapping[str, BoolArray]
+    ) -> None:
         self._settle(int(stamps[-1]))
-        usable = ~self._queue.unknown(stamps) & (marks == 0)
+        usable = ~np.logical_or.reduce([self._queue.unknown(stamps), *marks.values()])
         if self._held_ns is not None:
             usable &= stamps <= self._held_ns
         prediction = self.estimator.update(stamps, values, usable)
         if self._misfit is not None:
             self._misfit.add(stamps, values, prediction, usable)
-        self._count_postponed(int(stamps[-1]))
+        self._counter.count_until(int(stamps[-1]))
         self._count_marks(stamps, marks)
         self._counter.add(faults.SAMPLES_EXCLUDED, int(np.count_nonzero(~usable)))
         self._last_ns = int(stamps[-1])
@@ -590,21 +572,17 @@ class IdentificationStream:
         self._settle(due_ns)
         return self._predictor.predict(stamp_ns)
 
-    def _count_marks(self, stamps: IntArray, marks: IntArray) -> None:
+    def _count_marks(self, stamps: IntArray, marks: Mapping[str, BoolArray]) -> None:
         """Count the faults that the monitors found; spikes after a pulse are artifacts."""
         acting = self._acting_ns
         self._acting_ns = acting[acting > stamps[-1] - _ARTIFACT_NS]
-        for name, concerned in self._pipeline.concerned(marks).items():
+        for name, concerned in marks.items():
             count = int(np.count_nonzero(concerned))
             if name == faults.FORCE_SPIKE and len(acting):
                 artifacts = int(np.count_nonzero(_after(stamps[concerned], acting)))
                 self._counter.add(faults.FORCE_ARTIFACT, artifacts)
                 count -= artifacts
             self._counter.add(name, count)
-
-    def _count_postponed(self, until_ns: int | None) -> None:
-        self._counter.count_until(until_ns)
-        self._counter.add(faults.PULSE_LATE, self._strays.given_up(until_ns))
 
 
 def _after(stamp_ns: IntArray, onset_ns: IntArray) -> BoolArray:
