@@ -334,7 +334,6 @@ class FixedSizeRecursion:
         self._steps = 0
         self._test = ChangeTest()
         self._spread = ResidualSpread()
-        self._fresh = True
         self._stepped_ns: int | None = None
         self._delay_line = PulseDelayLine(basis.latency, settings.by_rate, rate_hz)
         self._builder = EstimateBuilder(self.name, basis, rate_hz, settings.confidence)
@@ -365,7 +364,6 @@ class FixedSizeRecursion:
         """Drop the pulses that still act: the clock has jumped, their lag is unknown."""
         self._delay_line.forget()
         self._memory.blocks.size[0] = 0
-        self._fresh = True
         self._stepped_ns = None
         carried = self._prediction
         carried.error_energy[0] = carried.force_energy[0] = carried.squares[0] = 0.0
@@ -394,7 +392,7 @@ class FixedSizeRecursion:
         """Return the prediction of the next samples (samples,), ascending [N]."""
         line, carried, fit = self._delay_line, self._prediction, self._fit
         pending = line.begin_ns, line.intensity, self._input_gain * line.weight
-        return predict(stamp_ns, pending, self._memory, carried, fit, self._rate, self._fresh)
+        return predict(stamp_ns, pending, self._memory, carried, fit, self._rate)
 
     def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
         """Return the present estimate."""
@@ -428,8 +426,7 @@ class FixedSizeRecursion:
             self._begin_block(int(line.begin_ns[pulse]), float(line.intensity[pulse]), weight)
         line.drop(begun)
         longest = LONGEST_BLOCK_NS
-        none = self._fresh or not blocks.size[0]
-        if none or stamp_ns - int(blocks.start_ns[newest(blocks)]) > longest:
+        if not blocks.size[0] or stamp_ns - int(blocks.start_ns[newest(blocks)]) > longest:
             self._begin_block(stamp_ns, 0.0, 0.0)
         end_ns = int(blocks.start_ns[newest(blocks)]) + longest
         return min(end_ns, int(line.begin_ns[0])) if len(line.begin_ns) else end_ns
@@ -439,9 +436,7 @@ class FixedSizeRecursion:
         memory, fit = self._memory, self._fit
         if memory.blocks.size[0]:
             self._close_block(start_ns)
-        push = self._input_gain * weight
-        begin_block(memory, start_ns, intensity, push, self._rate, self._fresh)
-        self._fresh = False
+        begin_block(memory, start_ns, intensity, self._input_gain * weight, self._rate)
         recompute_response(memory.chains, fit.theta, fit.linear, self._prediction.response)
 
     def _close_block(self, end_ns: int) -> None:

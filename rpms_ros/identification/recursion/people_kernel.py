@@ -84,8 +84,6 @@ class Memory(NamedTuple):
         Sums of x y.
     energy, samples, squared_samples : ndarray (1,)
         Sums of y^2, of 1, and of 1 with the squared weight.
-    product : ndarray (knots, functions, functions)
-        Overwritten.
     """
 
     chains: FloatArray
@@ -95,7 +93,6 @@ class Memory(NamedTuple):
     energy: FloatArray
     samples: FloatArray
     squared_samples: FloatArray
-    product: FloatArray
 
 
 def empty_memory(knots: int, functions: int) -> Memory:
@@ -109,7 +106,6 @@ def empty_memory(knots: int, functions: int) -> Memory:
         energy=np.zeros(1),
         samples=np.zeros(1),
         squared_samples=np.zeros(1),
-        product=np.zeros((knots, functions, functions)),
     )
 
 
@@ -150,15 +146,14 @@ def let_baseline_drift(memory: Memory, variance: float) -> None:
 
 
 @numba.njit(cache=True)
-def _add_chain(memory: Memory, here: int, knot: int) -> None:
+def _add_chain(memory: Memory, here: int, knot: int, product: FloatArray) -> None:
     """Add the products of one chain with force and baseline; write its product with the sums."""
-    blocks, state, product = memory.blocks, memory.chains[knot], memory.product[knot]
+    blocks, state = memory.blocks, memory.chains[knot]
     sums, response = blocks.gram[here], blocks.response[here]
     functions = len(state)
     last = len(memory.cross) - 1
     for row in range(functions):
         at = knot * functions + row
-        product[row] = 0.0
         for shift in range(row + 1):
             value = state[row - shift]
             memory.cross[at] += value * response[shift, RESPONSE_FORCE]
@@ -168,9 +163,9 @@ def _add_chain(memory: Memory, here: int, knot: int) -> None:
 
 
 @numba.njit(cache=True)
-def _add_pair(memory: Memory, knot: int, other: int) -> None:
-    """Add the products of two chains."""
-    product, state = memory.product[knot], memory.chains[other]
+def _add_pair(memory: Memory, knot: int, other: int, product: FloatArray) -> None:
+    """Add the products of two chains, of which the first has been multiplied by the sums."""
+    state = memory.chains[other]
     functions = len(state)
     for row in range(functions):
         for column in range(functions):
@@ -186,9 +181,10 @@ def add_block(memory: Memory, here: int) -> None:
     moments = memory.blocks.moments[here]
     last = len(memory.cross) - 1
     for knot in range(len(memory.chains)):
-        _add_chain(memory, here, knot)
+        product = np.zeros(memory.blocks.gram[here].shape)
+        _add_chain(memory, here, knot, product)
         for other in range(knot + 1):
-            _add_pair(memory, knot, other)
+            _add_pair(memory, knot, other, product)
     memory.cross[last] += moments[FORCE]
     memory.gram[last, last] += moments[COUNT]
     memory.energy[0] += moments[FORCE_SQUARED]
@@ -354,8 +350,6 @@ class PredictionState(NamedTuple):
     ----------
     response : ndarray (functions,)
         The force of the block at tau is ``response^T e(tau)``, without the baseline.
-    values : ndarray (functions,)
-        Overwritten.
     error_energy, force_energy : ndarray (1,)
         Sums of squares of the a-priori error and of the force, decaying [N^2].
     squares : ndarray (1,)
@@ -367,7 +361,6 @@ class PredictionState(NamedTuple):
     """
 
     response: FloatArray
-    values: FloatArray
     error_energy: FloatArray
     force_energy: FloatArray
     squares: FloatArray
@@ -380,7 +373,6 @@ def fresh_prediction_state(functions: int) -> PredictionState:
     single = ['error_energy', 'force_energy', 'squares', 'learnt']
     return PredictionState(
         response=np.zeros(functions),
-        values=np.zeros(functions),
         previous_ns=np.zeros(1, dtype=np.int64),
         **{name: np.zeros(1) for name in single},
     )
@@ -401,24 +393,26 @@ def recompute_response(
 
 
 @numba.njit(cache=True)
-def begin_block(
-    memory: Memory, start_ns: int, intensity: float, push: float, rate: float, fresh: bool
-) -> None:
+def begin_block(memory: Memory, start_ns: int, intensity: float, push: float, rate: float) -> None:
     """Begin a block with a pulse, which adds `push` times its recruitment to the states.
 
-    `rate` is 2 p [1/s]; a fresh block begins with zero states.
+    `rate` is 2 p [1/s]; the first block begins with zero states.
     """
     blocks, chains = memory.blocks, memory.chains
-    here = open_block(blocks, start_ns, intensity, push, rate, fresh)
-    if fresh:
+    if not blocks.size[0]:
         chains[:] = 0.0
+    here = open_block(blocks, start_ns, intensity, push, rate, False)
+    _advance(chains, blocks.transition[here], intensity, push)
+
+
+@numba.njit(cache=True)
+def _advance(chains: FloatArray, transition: FloatArray, intensity: float, push: float) -> None:
+    """Advance the states (knots, functions) to a pulse, and add it."""
     values = np.empty(len(chains))
     interpolate(intensity, values)
     for knot in range(len(chains)):
-        advance_state(blocks.transition[here], chains[knot])
-        share = push * values[knot]
-        if share != 0.0:
-            chains[knot] += share
+        advance_state(transition, chains[knot])
+        chains[knot] += push * values[knot]
 
 
 @numba.njit(cache=True)
@@ -444,30 +438,30 @@ def take(
 ) -> FloatArray:
     """Add samples (samples,) to the block; return the a-priori prediction of each."""
     here = newest(blocks)
-    prediction = np.empty(len(stamp_ns))
+    prediction, values = np.empty(len(stamp_ns)), np.empty(len(carried.response))
+    energies = carried.error_energy, carried.force_energy, carried.previous_ns
     for index in range(len(stamp_ns)):
         stamp = stamp_ns[index]
         tau = 1e-9 * (stamp - blocks.start_ns[here])
-        transition_generator(rate * tau, carried.values)
-        predicted = level
-        for function in range(len(carried.values)):
-            predicted += carried.response[function] * carried.values[function]
-        prediction[index] = predicted
+        prediction[index] = _force_at(rate * tau, level, carried.response, values)
         if not usable[index]:
             continue
-        error = force[index] - predicted
-        count_energy(
-            carried.error_energy,
-            carried.force_energy,
-            carried.previous_ns,
-            stamp,
-            error,
-            force[index],
-        )
+        error = force[index] - prediction[index]
+        count_energy(*energies, stamp, error, force[index])
         carried.squares[0] += error * error
         carried.learnt[0] += 1.0
-        add_sample(blocks, here, tau, force[index], carried.values)
+        add_sample(blocks, here, tau, force[index], values)
     return prediction
+
+
+@numba.njit(cache=True)
+def _force_at(distance: float, level: float, response: FloatArray, values: FloatArray) -> float:
+    """Return the force of a block 2 p tau after its beginning; write e there (functions,)."""
+    transition_generator(distance, values)
+    total = level
+    for function in range(len(values)):
+        total += response[function] * values[function]
+    return total
 
 
 @numba.njit(cache=True)
@@ -478,7 +472,6 @@ def predict(
     carried: PredictionState,
     fit: Fit,
     rate: float,
-    fresh: bool,
 ) -> FloatArray:
     """Return the predictions that `take` would make of ascending samples (samples,) [N].
 
@@ -486,32 +479,25 @@ def predict(
     """
     begin_ns, intensity, push = pending
     blocks, expected = memory.blocks, np.empty(len(stamp_ns))
-    known = blocks.size[0] > 0 and not fresh
+    known = blocks.size[0] > 0
     start = blocks.start_ns[newest(blocks)] if known else stamp_ns[0]
     states, present = memory.chains.copy(), carried.response.copy()
     if not known:
         states[:] = 0.0
         present[:] = 0.0
-    values, shares = np.empty(len(present)), np.empty(len(states))
-    begun = 0
+    values, begun = np.empty(len(present)), 0
     for index in range(len(stamp_ns)):
         stamp = stamp_ns[index]
         before = begun
         while begun < len(begin_ns) and begin_ns[begun] < stamp:
             transition_generator(rate * 1e-9 * max(begin_ns[begun] - start, 0), values)
-            interpolate(intensity[begun], shares)
-            for knot in range(len(states)):
-                advance_state(values, states[knot])
-                states[knot] += push[begun] * shares[knot]
+            _advance(states, values, intensity[begun], push[begun])
             start = begin_ns[begun]
             begun += 1
         if begun > before:
             recompute_response(states, fit.theta, fit.linear, present)
-        transition_generator(rate * 1e-9 * (stamp - start), values)
-        total = fit.levels[0]
-        for function in range(len(values)):
-            total += present[function] * values[function]
-        expected[index] = total
+        since = rate * 1e-9 * (stamp - start)
+        expected[index] = _force_at(since, fit.levels[0], present, values)
     return expected
 
 

@@ -42,7 +42,7 @@ def filled(generator, blocks=60) -> tuple[Memory, np.ndarray]:
     force = generator.normal(size=len(stamps))
     usable = np.ones(BLOCK, dtype=np.bool_)
     for index in range(blocks):
-        begin_block(memory, onset[index], intensity[index], BASIS.input_gain, RATE, index == 0)
+        begin_block(memory, onset[index], intensity[index], BASIS.input_gain, RATE)
         part = slice(index * BLOCK, (index + 1) * BLOCK)
         take(stamps[part], force[part], usable, memory.blocks, carried, 0.0, RATE)
         add_block(memory, newest(memory.blocks))
