@@ -29,7 +29,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from rpms_ros.errors import IdentificationError
+from rpms_ros.errors import IdentificationError, check_number
 from rpms_ros.muscle.twitch import twitch
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray, nanoseconds
 
@@ -65,13 +65,8 @@ class HistoryLaw:
 
     def __post_init__(self) -> None:
         for name in self.POSITIVE:
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise IdentificationError(f'expected a {name} above 0, got {value}')
-        if not (math.isfinite(self.facilitation) and self.facilitation >= 0):
-            raise IdentificationError(
-                f'expected a facilitation of at least 0, got {self.facilitation}'
-            )
+            check_number(IdentificationError, name, getattr(self, name), 0, above=True)
+        check_number(IdentificationError, 'facilitation', self.facilitation, 0)
 
     def saturated(self, activation: FloatArray) -> FloatArray:
         """Return S(x) of activations, 1 at 1 and 0 below 0."""
@@ -118,8 +113,7 @@ class TemporalSummation(HistoryLaw):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.order < 2:
-            raise IdentificationError(f'expected an order of at least 2, got {self.order}')
+        check_number(IdentificationError, 'order', self.order, 2)
 
     @classmethod
     def of_analysis(cls, document: Mapping[str, Any]) -> 'TemporalSummation':

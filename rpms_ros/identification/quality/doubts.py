@@ -24,7 +24,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from rpms_ros.identification.model.estimate import SMALLEST_INTENSITY_SPAN, Estimate
+from rpms_ros.identification.model.estimate import (
+    SMALLEST_INTENSITY_SPAN,
+    Estimate,
+    recruiting_range,
+)
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray
 
 FORCE_NOT_FINITE = 'force_not_finite'
@@ -589,12 +593,20 @@ _SLOWER = 0.7
 
 
 class PlausibilityCheck:
-    """Compares an estimate with the largest force and intensity that the estimator was given."""
+    """Compares an estimate with the forces and the pulses that the estimator was given.
+
+    Attributes
+    ----------
+    largest_force : float
+        Of either sign [N].
+    pulses : int
+        How many there were.
+    """
 
     def __init__(self) -> None:
         self.largest_force = 0.0
-        self.largest_intensity = 0.0
-        self._pulses = 0
+        self.pulses = 0
+        self._intensity_range = (np.inf, -np.inf)
         self._time_ns = 0
         self._last_ns: int | None = None
 
@@ -606,8 +618,14 @@ class PlausibilityCheck:
             self._time_ns += max(int(onset_ns[0]) - self._last_ns, 0)
         self._time_ns += int(onset_ns[-1] - onset_ns[0])
         self._last_ns = int(onset_ns[-1])
-        self._pulses += len(onset_ns)
-        self.largest_intensity = max(self.largest_intensity, float(intensity.max()))
+        self.pulses += len(onset_ns)
+        self._intensity_range = recruiting_range(intensity, self._intensity_range)
+
+    @property
+    def intensity_span(self) -> float:
+        """Highest minus lowest intensity above 0, share of the maximum; negative without one."""
+        low, high = self._intensity_range
+        return high - low
 
     def add_forces(self, force: FloatArray, usable: BoolArray) -> None:
         """Add samples (samples,) [N]."""
@@ -619,7 +637,7 @@ class PlausibilityCheck:
         if not estimate.curve_known:
             return estimate
         # at intensities that were given
-        given = estimate.curve_intensity <= self.largest_intensity + 1e-9
+        given = estimate.curve_intensity <= self._intensity_range[1] + 1e-9
         curve = estimate.curve_force[given]
         full = float(estimate.curve_force[-1])
         # The response is to full intensity, which need not have been given.
@@ -629,7 +647,7 @@ class PlausibilityCheck:
         most = _BEYOND * self.largest_force
         # of fewer than two pulses there is no rate
         fast = not self._time_ns or (
-            (self._pulses - 1) * NANOSECONDS_PER_SECOND / self._time_ns
+            (self.pulses - 1) * NANOSECONDS_PER_SECOND / self._time_ns
             > _SLOWER * estimate.repetition_rate
         )
         wide = False

@@ -23,7 +23,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rpms_ros.errors import IdentificationError
+from rpms_ros.errors import IdentificationError, check_number
 from rpms_ros.identification.estimation.blocks import (
     COUNT,
     LONGEST_BLOCK_NS,
@@ -42,7 +42,7 @@ from rpms_ros.identification.estimation.statement import (
     condition_number,
 )
 from rpms_ros.identification.estimation.window_fit import LEAST_ENERGY
-from rpms_ros.identification.model.estimate import DEFAULT_RATE, Estimate, recruiting_range
+from rpms_ros.identification.model.estimate import DEFAULT_RATE, Estimate
 from rpms_ros.identification.model.levenberg_marquardt import Ending
 from rpms_ros.identification.model.recruitment import PARAMETERS, recruitment
 from rpms_ros.identification.quality.doubts import FACTORISATION_FAILED, PlausibilityCheck
@@ -316,8 +316,7 @@ class FixedSizeRecursion:
     def __init__(
         self, settings: ProjectionSettings = PEOPLE, rate_hz: float = DEFAULT_RATE
     ) -> None:
-        if not (math.isfinite(rate_hz) and rate_hz > 0):
-            raise IdentificationError(f'expected a repetition rate above 0 Hz, got {rate_hz}')
+        check_number(IdentificationError, 'repetition rate', rate_hz, 0, above=True, unit='Hz')
         self.settings = settings
         self.rate_hz = rate_hz
         basis = settings.basis
@@ -337,9 +336,7 @@ class FixedSizeRecursion:
         self._stepped_ns: int | None = None
         self._delay_line = PulseDelayLine(basis.latency, settings.by_rate, rate_hz)
         self._builder = EstimateBuilder(self.name, basis, rate_hz, settings.confidence)
-        self._pulses = 0
         self._plausibility = PlausibilityCheck()
-        self._intensity_range = (np.inf, -np.inf)
 
     @property
     def memory(self) -> float:
@@ -353,12 +350,8 @@ class FixedSizeRecursion:
 
     def add_pulses(self, onset_ns: IntArray, intensity: FloatArray) -> None:
         """Add pulses (pulses,), ascending, none before one that was already added [ns, 1]."""
-        if not len(onset_ns):
-            return
         self._plausibility.add_pulses(onset_ns, intensity)
         self._delay_line.add(onset_ns, intensity)
-        self._pulses += len(onset_ns)
-        self._intensity_range = recruiting_range(intensity, self._intensity_range)
 
     def forget_pulses(self) -> None:
         """Drop the pulses that still act: the clock has jumped, their lag is unknown."""
@@ -397,12 +390,11 @@ class FixedSizeRecursion:
     def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
         """Return the present estimate."""
         fit, carried = self._fit, self._prediction
-        low, high = self._intensity_range
         energy = float(carried.force_energy[0])
         counters = Counters(
             samples=int(carried.learnt[0]),
-            pulses=self._pulses,
-            intensity_span=high - low,
+            pulses=self._plausibility.pulses,
+            intensity_span=self._plausibility.intensity_span,
             output_error=float(np.sqrt(carried.error_energy[0] / energy)) if energy > 0.0 else 0.0,
         )
         if fit.failures[0]:
