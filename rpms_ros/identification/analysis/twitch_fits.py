@@ -180,16 +180,7 @@ def _move(twitches: Twitches, shape: SharedShape, step: FloatArray, trial: Share
     _measure(twitches, trial)
 
 
-@register_jitable
-def _accept(shape: SharedShape, trial: SharedShape) -> None:
-    shape.theta[:] = trial.theta
-    shape.normal[:] = trial.normal
-    shape.slope[:] = trial.slope
-    shape.linear[:] = trial.linear
-    shape.cost[0] = trial.cost[0]
-
-
-_minimise = minimiser(_linearise, _room, _move, _accept)
+_minimise = minimiser(_linearise, _room, _move)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -228,10 +219,9 @@ def shared_fit(
     """
     twitches = Twitches(lag, force, starts, start[2])
     rows = np.empty((len(lag), 5))
-    shape = _begin(twitches, start[:free], rows)
+    shape, trial = _begin(twitches, start[:free], rows), _begin(twitches, start[:free], rows)
     _measure(twitches, shape)
-    _minimise(twitches, shape, _begin(twitches, start[:free], rows), _ENDING, True)
-    return shape
+    return trial if _minimise(twitches, shape, trial, _ENDING, True) else shape
 
 
 @numba.njit(cache=True, nogil=True)

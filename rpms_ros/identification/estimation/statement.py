@@ -342,15 +342,7 @@ def _move(
     _measure(response, trial)
 
 
-@register_jitable
-def _accept(match: TwitchMatch, trial: TwitchMatch) -> None:
-    match.theta[:] = trial.theta
-    match.peak[:] = trial.peak
-    match.columns[:] = trial.columns
-    match.cost[:] = trial.cost
-
-
-_minimise = minimiser(_linearise, _room, _move, _accept)
+_minimise = minimiser(_linearise, _room, _move)
 
 
 def _fit_from(start: FloatArray, response: Coefficients) -> TwitchMatch:
@@ -367,8 +359,8 @@ def _fit_from(start: FloatArray, response: Coefficients) -> TwitchMatch:
     )
     _measure(response, match)
     # In squared standard deviations: a cost of 1 need not be reduced.
-    _minimise(response, match, trial, Ending(_STEPS, _TOLERANCE, 1.0), True)
-    return match
+    ending = Ending(_STEPS, _TOLERANCE, 1.0)
+    return trial if _minimise(response, match, trial, ending, True) else match
 
 
 def match_twitch(response: Coefficients) -> TwitchMatch:

@@ -50,7 +50,6 @@ from rpms_ros.identification.recursion.people_kernel import (
     KNOTS,
     Fit,
     StepProblem,
-    accept,
     add_block,
     begin_block,
     empty_fit,
@@ -328,7 +327,7 @@ class FixedSizeRecursion:
         self._prior = PRIOR
         self._fit = empty_fit(start, basis.functions, 1)
         # scratch: a trial step, and a fit from another start
-        self._workspace = [empty_fit(start, basis.functions, 1) for _ in range(2)]
+        self._trial, self._other = (empty_fit(start, basis.functions, 1) for _ in range(2))
         self._starts = [start[:PARAMETERS] for start in settings.starts()]
         self._steps = 0
         self._test = ChangeTest()
@@ -425,9 +424,10 @@ class FixedSizeRecursion:
 
     def _begin_block(self, start_ns: int, intensity: float, weight: float) -> None:
         """End the present block and begin the next one."""
-        memory, fit = self._memory, self._fit
+        memory = self._memory
         if memory.blocks.size[0]:
             self._close_block(start_ns)
+        fit = self._fit
         begin_block(memory, start_ns, intensity, self._input_gain * weight, self._rate)
         recompute_response(memory.chains, fit.theta, fit.linear, self._prediction.response)
 
@@ -479,20 +479,29 @@ class FixedSizeRecursion:
         self._steps += 1
         if self._steps % _CHALLENGE_STEPS == 0:
             self._challenge(self._starts[self._steps // _CHALLENGE_STEPS % len(self._starts)])
-        improve(StepProblem(memory, prior), fit, self._workspace[0], _ONE_STEP, True)
+        self._fit = self._improved(self._fit, _ONE_STEP)
         # The covariance of weighted samples depends on the sum of the squared weights.
-        fit.complete[:] = fit.matrix * (memory.samples[0] / memory.squared_samples[0])
+        weight = memory.samples[0] / memory.squared_samples[0]
+        self._fit.complete[:] = self._fit.matrix * weight
+
+    def _improved(self, fit: Fit, ending: Ending) -> Fit:
+        """Return a fit after some steps; the other of it and the trial is scratch."""
+        problem = StepProblem(self._memory, self._prior)
+        if improve(problem, fit, self._trial, ending, True):
+            fit, self._trial = self._trial, fit
+        return fit
 
     def _challenge(self, start: FloatArray) -> None:
         """Try another start; continue from there if it fits the memory better."""
-        fit, (trial, other) = self._fit, self._workspace
+        fit, other = self._fit, self._other
         other.theta[:] = start
         other.linear[:] = fit.linear
         other.variance[0] = fit.variance[0]
         other.damping[0] = _START_DAMPING
         if not evaluate(self._memory, self._prior, other):
             return
-        improve(StepProblem(self._memory, self._prior), other, trial, _CHALLENGER_STEPS, True)
+        other = self._improved(other, _CHALLENGER_STEPS)
         if other.cost[0] < fit.cost[0] - _CHALLENGER_GAIN * fit.variance[0]:
-            accept(fit, other)
-            fit.damping[0] = other.damping[0]
+            other.moved[0], other.failures[0] = fit.moved[0], fit.failures[0]
+            self._fit, other = other, fit
+        self._other = other

@@ -302,7 +302,7 @@ def weak_ridge(energy: float, samples: float, variance: float) -> float:
 
 
 @register_jitable
-def room(problem: Any, fit: Fit, low: FloatArray, high: FloatArray) -> None:
+def _room(problem: Any, fit: Fit, low: FloatArray, high: FloatArray) -> None:
     """Write the least and greatest steps of the coordinates (4,) within `problem.prior`."""
     for place in range(PARAMETERS):
         here = coordinate(fit.theta, place)
@@ -326,21 +326,6 @@ def move_theta(theta: FloatArray, prior: Prior, step: FloatArray, moved: FloatAr
         moved[1] = moved[0] + prior.separation
     for place in range(PARAMETERS):
         step[place] = coordinate(moved, place) - coordinate(theta, place)
-
-
-@register_jitable
-def accept(fit: Fit, trial: Fit) -> None:
-    """Copy parameters, equations, cost and variance of a trial; damping and counters stay."""
-    fit.theta[:] = trial.theta
-    fit.linear[:] = trial.linear
-    fit.levels[:] = trial.levels
-    fit.matrix[:] = trial.matrix
-    fit.right[:] = trial.right
-    fit.cost[0] = trial.cost[0]
-    fit.squares[0] = trial.squares[0]
-    fit.samples[0] = trial.samples[0]
-    fit.energy[0] = trial.energy[0]
-    fit.variance[0] = trial.variance[0]
 
 
 class PredictionState(NamedTuple):
@@ -645,4 +630,4 @@ def _move(problem: StepProblem, fit: Fit, step: FloatArray, trial: Fit) -> None:
         trial.cost[0] = np.inf
 
 
-improve = minimiser(_linearise, room, _move, accept)
+improve = minimiser(_linearise, _room, _move)
