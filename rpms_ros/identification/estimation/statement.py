@@ -18,7 +18,7 @@ of ``sum_k a_k^2``. The fit has taken up a part of what is missing, so it is mul
 the curve too.
 
 **Parameters.** u_thr, u_sat and both alpha are those of the arctangents that are nearest to the
-recruitment curve (`model.recruitment`): the paper's parameters where it does not deviate.
+recruitment curve (`nearest_arctangents`): the paper's parameters where it does not deviate.
 
 **Identifiability.**
 
@@ -60,8 +60,10 @@ from rpms_ros.identification.model.estimate import (
 )
 from rpms_ros.identification.model.levenberg_marquardt import Ending, minimiser
 from rpms_ros.identification.model.recruitment import (
+    DEVIATION,
     PARAMETERS,
-    nearest_arctangents,
+    coordinates,
+    from_coordinates,
     recruitment_curve,
 )
 from rpms_ros.muscle.recruitment import PARAMETER_NAMES
@@ -204,6 +206,52 @@ def identifiability(deviation: FloatArray, prior: FloatArray, moved: float) -> I
     flags[(deviation < SETTLED) & (moved < SETTLED)] = CONVERGED
     flags[~(deviation < LEAST_GAIN * prior)] = NOT_INFORMED
     return flags
+
+
+# Damped steps to the nearest arctangents, on this grid of intensities; the weak prior keeps the
+# parameters that a curve does not show.
+_NEAREST_STEPS, _WEAK = 12, 1e-6
+_GRID: FloatArray = np.linspace(0.02, 1.0, 50)
+
+
+def nearest_arctangents(theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the arctangents that are nearest to a recruitment but for a factor.
+
+    Returns
+    -------
+    parameters : ndarray (4,)
+        u_thr, u_sat, alpha_sat, alpha_thr: those of `theta` where there is no deviation.
+    derivative : ndarray (4, len(theta))
+        By `theta`; alpha as logarithms on both sides.
+    """
+    here = coordinates(theta)
+    if not theta[DEVIATION].any():
+        return theta[:PARAMETERS].copy(), np.eye(PARAMETERS, len(theta))
+    curve, slopes = recruitment_curve(_GRID, theta)
+    found, gain, damping = here[:PARAMETERS].copy(), 1.0, 1e-3
+    weak = _WEAK * np.eye(PARAMETERS + 1)
+
+    def equations(found: FloatArray, gain: float) -> tuple[FloatArray, FloatArray]:
+        shape, gradient = recruitment_curve(_GRID, from_coordinates(found))
+        return np.column_stack((gain * gradient, shape)), curve - gain * shape
+
+    columns, rest = equations(found, gain)
+    for _ in range(_NEAREST_STEPS):
+        square = columns.T @ columns
+        damped = square + damping * np.diag(np.diag(square)) + weak
+        pull = weak[:, :PARAMETERS] @ (here[:PARAMETERS] - found)
+        step = np.linalg.solve(damped, columns.T @ rest + pull)
+        step /= max(1.0, float(np.abs(step).max()) / 0.3)
+        trial = equations(found + step[:PARAMETERS], gain + step[-1])
+        if trial[1] @ trial[1] <= rest @ rest:
+            found, gain = found + step[:PARAMETERS], gain + float(step[-1])
+            columns, rest = trial
+            damping *= 0.1
+        else:
+            damping *= 10.0
+    square = columns.T @ columns + weak
+    derivative = np.linalg.solve(square, columns.T @ slopes).astype(np.float64)
+    return from_coordinates(found), derivative[:PARAMETERS]
 
 
 CONSTANT, LATENCY, ORDER = range(3)

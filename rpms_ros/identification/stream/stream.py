@@ -355,7 +355,8 @@ class IdentificationStream:
             return
         late = pulses.onset_ns <= newest_ns - self._reorder_delay_ns + self._pulse_look_ahead_ns
         apart = late | (pulses.onset_ns > newest_ns + FAR_NS)
-        self._alignment.arrived_apart(pulses.onset_ns[apart], newest_ns)
+        if apart.any():
+            self._alignment.arrived_apart(pulses.onset_ns[apart], newest_ns)
         self._queue.add(pulses[~late], newest_ns)
         # Far too late for this time line; they belong to the next one if the clock has jumped.
         stray = pulses.onset_ns < newest_ns - GAP_NS
