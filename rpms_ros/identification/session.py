@@ -214,14 +214,10 @@ def identify(
     if not trace.cells:
         raise IdentificationError(_why_nothing(forces.force, settings.largest_force))
     muscle = estimator.fitted() if isinstance(estimator, ProjectionEstimator) else None
-    return IdentifiedSession(
-        estimates,
-        trace.column('stamp_ns'),
-        trace.column('force'),
-        trace.column('prediction'),
-        trace.column('usable'),
-        muscle if estimates[-1].curve_known else None,
-    )
+    names = ('stamp_ns', 'force', 'prediction', 'usable')
+    columns = dict(zip(names, map(trace.column, names), strict=True))
+    known = estimates[-1].curve_known
+    return IdentifiedSession(estimates, **columns, muscle=muscle if known else None)
 
 
 def _why_nothing(force: FloatArray, largest: float) -> str:

@@ -167,7 +167,7 @@ def test_a_response_that_is_known_well_is_read_exactly(constant, latency, order)
         5.0 * twitch(time - latency, constant, order)
     )
     found = TwitchReader(basis).read(response, 1e-10 * np.eye(len(response)))
-    assert len(found.values) == len(PHYSIOLOGY_NAMES)
+    assert len(found[0]) == len(PHYSIOLOGY_NAMES)
     # the reader takes the basis to miss 0.1 % of the response: its deviations say what that means
     assert (np.abs(found.values - truth) < found.deviations).all()
     np.testing.assert_allclose(found.values[0], constant, rtol=0.02)

@@ -47,7 +47,8 @@ class Queue:
         self.queue.add(PulseTrain.of(train))
 
     def onsets(self, until: int) -> list[int]:
-        return (self.queue.settle(until * MILLISECOND)[0] // MILLISECOND).tolist()
+        until_ns = until * MILLISECOND
+        return (self.queue.settle(until_ns, until_ns)[0] // MILLISECOND).tolist()
 
     def unknown(self, *stamps: int) -> list[bool]:
         return self.queue.unknown(MILLISECOND * np.array(stamps, dtype=np.int64)).tolist()
@@ -58,7 +59,7 @@ def test_the_order_of_arrival_does_not_matter(order, size):
     queue = Queue()
     for start in range(0, 12, size):
         queue.add(*((50 * index, index / 12, index) for index in order[start : start + size]))
-    onset, intensity = queue.queue.settle(1000 * MILLISECOND)
+    onset, intensity = queue.queue.settle(1000 * MILLISECOND, 1000 * MILLISECOND)
     assert (onset // MILLISECOND).tolist() == list(range(0, 600, 50))
     assert intensity.tolist() == [index / 12 for index in range(12)]
     assert queue.counter.counts() == {}

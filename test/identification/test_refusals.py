@@ -58,7 +58,7 @@ table = of(replace, TABLE_4)
         (of(StreamSettings, reorder_delay=INF), 'finite reorder_delay of at least 0 s, got inf'),
         (of(StreamSettings, estimate_period=0.0), 'a finite estimate_period above 0 s, got 0'),
         (of(StreamSettings, largest_force=0.0), 'a finite largest_force above 0 N, got 0'),
-        (of(verdict_of, None, None, None, 0.0), 'expected a largest force above 0 N, got 0'),
+        (of(verdict_of, None, None, None, 0.0), 'a finite largest force above 0 N, got 0'),
         *((of(TrainLaw, **{name: 0.0}), f'{name} above 0, got 0') for name in TrainLaw.POSITIVE),
         (of(TrainLaw, facilitation=-1.0), 'facilitation of at least 0, got -1'),
         *(

@@ -41,7 +41,6 @@ parameters remain for `rpms_ros.identification.model.levenberg_marquardt`, with 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numba
@@ -448,19 +447,10 @@ _GRID_STEP = 4e-3
 MISFIT = 1e-3
 
 
-@dataclass(frozen=True)
-class Physiology:
-    """Numbers of `PHYSIOLOGY_NAMES` and their standard deviations, (4,) each."""
-
-    values: FloatArray
-    deviations: FloatArray
-
-
-@dataclass(frozen=True)
 class TwitchReader:
     """Reads the twitch off coefficients of a basis.
 
-    Attributes
+    Parameters
     ----------
     basis : LaguerreBasis
         The basis.
@@ -468,28 +458,19 @@ class TwitchReader:
         Use a wide prior around the basis instead of that of `PRIOR`.
     """
 
-    basis: LaguerreBasis
-    wide: bool = False
-
-    @cached_property
-    def _prior(self) -> TwitchPrior:
-        if not self.wide:
-            return _PEOPLE
-        centre = np.array([self.basis.time_constant, self.basis.latency + 1e-3, 3.0])
-        centre = np.clip(centre, _PEOPLE.lower, _PEOPLE.upper)
-        return _PEOPLE._replace(centre=centre, deviation=_WIDE_DEVIATION)
-
-    @cached_property
-    def _grid(self) -> tuple[FloatArray, FloatArray]:
-        """Times of the grid (grid,) [s], and the projection on the basis (functions, grid)."""
-        finest = self.basis.time_constant / 10.0
-        step = min(_GRID_STEP, finest) if self.wide else _GRID_STEP
-        lag = np.arange(step / 2, self.basis.duration, step)
-        return lag, np.asarray(np.linalg.pinv(self.basis.evaluate(lag)), dtype=np.float64)
+    def __init__(self, basis: LaguerreBasis, wide: bool = False) -> None:
+        self._prior, step = _PEOPLE, _GRID_STEP
+        if wide:
+            centre = np.array([basis.time_constant, basis.latency + 1e-3, 3.0])
+            centre = np.clip(centre, _PEOPLE.lower, _PEOPLE.upper)
+            self._prior = _PEOPLE._replace(centre=centre, deviation=_WIDE_DEVIATION)
+            step = min(_GRID_STEP, basis.time_constant / 10.0)
+        self._lag = np.arange(step / 2, basis.duration, step)
+        self._projection = np.asarray(np.linalg.pinv(basis.evaluate(self._lag)), np.float64)
 
     def read(
         self, response: FloatArray, covariance: FloatArray, misfit: float = MISFIT
-    ) -> Physiology | None:
+    ) -> tuple[FloatArray, FloatArray] | None:
         """Fit the twitch.
 
         Parameters
@@ -501,24 +482,23 @@ class TwitchReader:
 
         Returns
         -------
-        Physiology or None
-            None if the response does not differ from zero by two standard deviations.
+        tuple of ndarray (4,), or None
+            Numbers of `PHYSIOLOGY_NAMES` and their standard deviations; None if the response does
+            not differ from zero by two standard deviations.
         """
         length = float(np.linalg.norm(response))
         if not length > 2.0 * float(np.sqrt(max(np.trace(covariance), 0.0))):
             return None
         noise = covariance + (misfit * length) ** 2 * np.eye(len(response))
         whiten = np.linalg.inv(np.linalg.cholesky(noise))
-        lag, projection = self._grid
-        match = match_twitch(
-            Coefficients(lag, whiten @ projection, whiten @ response, self._prior)
-        )
+        projection = whiten @ self._projection
+        match = match_twitch(Coefficients(self._lag, projection, whiten @ response, self._prior))
         jacobian = np.column_stack((match.peak * match.columns[:, 1:], match.columns[:, 0]))
         information = jacobian.T @ jacobian
         information[:3, :3] += np.diag(self._prior.deviation**-2)
         inverse = np.linalg.inv(information + 1e-12 * np.eye(4))
         deviations = np.sqrt(np.maximum(np.diag(inverse), 0.0))
-        return Physiology(np.append(match.theta, match.peak), deviations)
+        return np.append(match.theta, match.peak), deviations
 
 
 RESPONSE_STEP = 5e-3
@@ -672,13 +652,13 @@ class EstimateBuilder:
         covariance = to_coefficients @ sure.covariance @ to_coefficients.T
         twitch = self._reader.read(rho[0] * linear, covariance, share)
         if twitch is not None:
-            width = sure.quantile * twitch.deviations
+            values, width = twitch[0], sure.quantile * twitch[1]
             # No muscle answers before its pulse, and none of the others can be negative either.
             fields |= {
                 'physiology_names': PHYSIOLOGY_NAMES,
-                'physiology': twitch.values,
-                'physiology_lower': np.maximum(twitch.values - width, 0.0),
-                'physiology_upper': twitch.values + width,
+                'physiology': values,
+                'physiology_lower': np.maximum(values - width, 0.0),
+                'physiology_upper': values + width,
             }
         return fields
 

@@ -89,11 +89,7 @@ class ModifiedRecursiveLM:
         """Drop the pulses that still act: the clock has jumped, their lag is unknown."""
         self._onset_ns = np.empty(0, dtype=np.int64)
         self._intensity = np.empty(0)
-        # With a stamp before the newest one the decaying energies would grow.
-        scalars = self._state.scalars
-        scalars['error_energy'][0] = 0.0
-        scalars['force_energy'][0] = 0.0
-        scalars['previous_ns'][0] = 0
+        self._state.scalars[['error_energy', 'force_energy']] = 0.0
 
     def update(self, stamp_ns: IntArray, force: FloatArray, usable: BoolArray) -> FloatArray:
         """Learn from samples (samples,), ascending; return their a-priori prediction [N].

@@ -531,14 +531,21 @@ def equations(memory: Memory, fit: Fit) -> None:
 
 
 @numba.njit(cache=True)
+def _with_ridge(memory: Memory, fit: Fit) -> tuple[FloatArray, float]:
+    """Return the matrix of [w, b] with a weak ridge, and the ridge."""
+    matrix = fit.matrix[PARAMETERS:, PARAMETERS:].copy()
+    ridge = weak_ridge(memory.energy[0], memory.samples[0], fit.variance[0])
+    for row in range(len(matrix)):
+        matrix[row, row] += ridge
+    return matrix, ridge
+
+
+@numba.njit(cache=True)
 def solve_linear(memory: Memory, prior: Prior, fit: Fit) -> bool:
     """Solve for w and b at theta, then the cost; return whether the matrix was positive."""
     functions = len(fit.linear)
-    matrix = fit.matrix[PARAMETERS:, PARAMETERS:].copy()
+    matrix, ridge = _with_ridge(memory, fit)
     linear = fit.right[PARAMETERS:].copy()
-    ridge = weak_ridge(memory.energy[0], memory.samples[0], fit.variance[0])
-    for row in range(len(linear)):
-        matrix[row, row] += ridge
     if not solve_positive(matrix, linear):
         return False
     fit.linear[:] = linear[:functions]
@@ -601,10 +608,7 @@ def _linearise(
     """
     matrix, prior, memory = fit.matrix, problem.prior, problem.memory
     linear = np.concatenate((fit.linear, fit.levels))
-    factor = matrix[PARAMETERS:, PARAMETERS:].copy()
-    ridge = weak_ridge(memory.energy[0], memory.samples[0], fit.variance[0])
-    for row in range(len(linear)):
-        factor[row, row] += ridge
+    factor, _ = _with_ridge(memory, fit)
     if not factorise_positive(factor):
         return False
     for place in range(PARAMETERS):

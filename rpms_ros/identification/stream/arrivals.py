@@ -176,16 +176,16 @@ class PulseQueue:
         """Take the stamp of the first sample of the stream [ns]."""
         self._begun_ns = stamp_ns
 
-    def settle(self, until_ns: int, cell_ns: int | None = None) -> tuple[IntArray, FloatArray]:
+    def settle(self, until_ns: int, cell_ns: int) -> tuple[IntArray, FloatArray]:
         """Return the pulses with onsets up to `until_ns`, ascending, that can be used.
 
         Parameters
         ----------
         until_ns : int
             How far pulses are settled [ns].
-        cell_ns : int or None
+        cell_ns : int
             The same at the beginning of the present cell of the grid of stamps [ns]: far pulses
-            are examined once a cell, however it is cut into blocks.  None: as `until_ns`.
+            are examined once a cell, however it is cut into blocks.
 
         Returns
         -------
@@ -194,10 +194,9 @@ class PulseQueue:
         intensity : ndarray, shape (pulses,)
             Shares of the maximum, 0..1.
         """
-        begun_ns = until_ns if cell_ns is None else cell_ns
-        come_near, given_up = self._far.come_near(begun_ns)
+        come_near, given_up = self._far.come_near(cell_ns)
         self.counter.add(faults.PULSE_FAR_AHEAD, given_up)
-        self.counter.add(faults.PULSE_TOO_CLOSE, self._room.refused(begun_ns))
+        self.counter.add(faults.PULSE_TOO_CLOSE, self._room.refused(cell_ns))
         if len(come_near):
             self._arrived.append(come_near)
         self._merge_arrived()
