@@ -31,7 +31,7 @@ from rpms_ros.identification.estimation.blocks import (
     PulseDelayLine,
     newest,
 )
-from rpms_ros.identification.estimation.settings import PRIOR, Prior, ProjectionSettings
+from rpms_ros.identification.estimation.settings import PRIOR, ProjectionSettings
 from rpms_ros.identification.estimation.statement import (
     MISFIT,
     Counters,
@@ -223,66 +223,6 @@ class ResidualSpread:
         return ResidualSums(mean, float(self._weight[0]), *self._kept.tolist())
 
 
-def uncertainty(
-    fit: Fit, prior: Prior, sums: ResidualSums, area: FloatArray, confidence: float
-) -> tuple[Muscle, Uncertainty | None]:
-    """Return the muscle of a fit whose equations are complete, and its uncertainty.
-
-    Parameters
-    ----------
-    fit, prior : Fit, Prior
-        State of the recursion.
-    sums : ResidualSums
-        Of its residuals.
-    area : ndarray (functions,)
-        Integrals of the functions [s^1/2].
-    confidence : float
-        Level of the intervals.
-
-    Returns
-    -------
-    tuple of Muscle, Uncertainty or None
-        None while there is no sample.
-    """
-    joint = PARAMETERS + len(fit.linear)
-    lower = np.tril(fit.complete)
-    muscle = Muscle(
-        fit.theta.copy(),
-        fit.linear.copy(),
-        fit.levels.copy(),
-        moved=float(fit.moved[0]),
-        damping=float(fit.damping[0]),
-    )
-    if not fit.samples[0] > 0.0:
-        return muscle, None
-    matrix = lower + lower.T - np.diag(np.diag(lower))
-    variance = float(fit.variance[0])
-    theta = np.arange(PARAMETERS)
-    matrix[theta, theta] += variance / prior.deviation**2
-    linear = np.arange(PARAMETERS, len(matrix))
-    matrix[linear, linear] += weak_ridge(fit.energy[0], fit.samples[0], variance)
-    scale = np.sqrt(np.diag(matrix))
-    scaled = matrix / np.outer(scale, scale) + _ROUNDING * np.eye(len(matrix))
-    inverse = np.linalg.inv(scaled) / np.outer(scale, scale)
-    inflation = max(1.0, float(sums.spread.max(initial=0.0)) / variance)
-    inverse = 0.5 * (inverse + inverse.T) * variance
-    inverse[PARAMETERS:] *= np.sqrt(inflation)
-    inverse[:, PARAMETERS:] *= np.sqrt(inflation)
-    # the deviations of theta are inflated at most to those of the prior
-    deviation = np.sqrt(np.maximum(np.diag(inverse)[:PARAMETERS], 0.0))
-    most = np.maximum(prior.deviation / np.maximum(deviation, 1e-300), 1.0)
-    scale = np.ones(joint)
-    scale[:PARAMETERS] = np.minimum(np.sqrt(inflation), most)
-    covariance = inverse[:joint, :joint] * np.outer(scale, scale)
-    by_basis = MISFIT * float(np.linalg.norm(fit.linear) * np.linalg.norm(area))
-    muscle = replace(
-        muscle,
-        condition=condition_number(lower[PARAMETERS:joint, PARAMETERS:joint]),
-        area_error=math.hypot(by_basis / math.sqrt(len(fit.linear)), sums.missing_area(variance)),
-    )
-    return muscle, Uncertainty(covariance, confidence)
-
-
 _ROUNDING = 1e-12
 # Residuals count for the intervals with this share of the time since the last change as time
 # constant: the first ones are errors of parameters that were not known yet.
@@ -324,7 +264,6 @@ class FixedSizeRecursion:
         self._memory = empty_memory(KNOTS, basis.functions)
         self._prediction = fresh_prediction_state(basis.functions)
         start = np.array(settings.start)
-        self._prior = PRIOR
         self._fit = empty_fit(start, basis.functions, 1)
         # scratch: a trial step, and a fit from another start
         self._trial, self._other = (empty_fit(start, basis.functions, 1) for _ in range(2))
@@ -398,15 +337,56 @@ class FixedSizeRecursion:
         )
         if fit.failures[0]:
             faults = {**faults, FACTORISATION_FAILED: int(fit.failures[0])}
-        sums, prior, confidence = self._spread.sums, self._prior, self.settings.confidence
-        found, sure = uncertainty(fit, prior, sums, self.settings.basis.area, confidence)
-        estimate = self._builder.make(stamp_ns, found, sure, prior.deviation, counters, faults)
+        found = *self._found(), PRIOR.deviation
+        estimate = self._builder.make(stamp_ns, *found, counters, faults)
         estimate = replace(self._plausibility.examine(estimate), changes=self._test.changes)
         changed_ns = self._test.changed_ns
         if changed_ns is None:
             return estimate
         ago = np.array([(stamp_ns - changed_ns) / NANOSECONDS_PER_SECOND])
         return replace(estimate, change_kinds=(_KIND,), change_ago=ago)
+
+    def _found(self) -> tuple[Muscle, Uncertainty | None]:
+        """Return the muscle that is known, and its uncertainty, None while there is no sample."""
+        fit, sums = self._fit, self._spread.sums
+        joint = PARAMETERS + len(fit.linear)
+        lower = np.tril(fit.complete)
+        muscle = Muscle(
+            fit.theta.copy(),
+            fit.linear.copy(),
+            fit.levels.copy(),
+            moved=float(fit.moved[0]),
+            damping=float(fit.damping[0]),
+        )
+        if not fit.samples[0] > 0.0:
+            return muscle, None
+        matrix = lower + lower.T - np.diag(np.diag(lower))
+        variance = float(fit.variance[0])
+        theta = np.arange(PARAMETERS)
+        matrix[theta, theta] += variance / PRIOR.deviation**2
+        linear = np.arange(PARAMETERS, len(matrix))
+        matrix[linear, linear] += weak_ridge(fit.energy[0], fit.samples[0], variance)
+        scale = np.sqrt(np.diag(matrix))
+        scaled = matrix / np.outer(scale, scale) + _ROUNDING * np.eye(len(matrix))
+        inverse = np.linalg.inv(scaled) / np.outer(scale, scale)
+        inflation = max(1.0, float(sums.spread.max(initial=0.0)) / variance)
+        inverse = 0.5 * (inverse + inverse.T) * variance
+        inverse[PARAMETERS:] *= np.sqrt(inflation)
+        inverse[:, PARAMETERS:] *= np.sqrt(inflation)
+        # the deviations of theta are inflated at most to those of the prior
+        deviation = np.sqrt(np.maximum(np.diag(inverse)[:PARAMETERS], 0.0))
+        most = np.maximum(PRIOR.deviation / np.maximum(deviation, 1e-300), 1.0)
+        scale = np.ones(joint)
+        scale[:PARAMETERS] = np.minimum(np.sqrt(inflation), most)
+        covariance = inverse[:joint, :joint] * np.outer(scale, scale)
+        area = np.linalg.norm(fit.linear) * np.linalg.norm(self.settings.basis.area)
+        by_basis = MISFIT * float(area) / math.sqrt(len(fit.linear))
+        muscle = replace(
+            muscle,
+            condition=condition_number(lower[PARAMETERS:joint, PARAMETERS:joint]),
+            area_error=math.hypot(by_basis, sums.missing_area(variance)),
+        )
+        return muscle, Uncertainty(covariance, self.settings.confidence)
 
     def _begin_blocks(self, stamp_ns: int) -> int:
         """Begin the block of a sample; return the end of that block [ns]."""
@@ -468,14 +448,14 @@ class FixedSizeRecursion:
 
     def _learn(self) -> None:
         """Take a step from the memory; a failure is counted."""
-        memory, prior, fit = self._memory, self._prior, self._fit
+        memory, fit = self._memory, self._fit
         if fit.variance[0] == 0.0:
             power = float(memory.energy[0] / memory.samples[0])
             fit.variance[0] = _FIRST_VARIANCE * power + LEAST_ENERGY
-        if not evaluate(memory, prior, fit):
+        if not evaluate(memory, PRIOR, fit):
             fit.failures[0] += 1.0
             return
-        refresh_variance(memory, prior, fit)
+        refresh_variance(memory, PRIOR, fit)
         self._steps += 1
         if self._steps % _CHALLENGE_STEPS == 0:
             self._challenge(self._starts[self._steps // _CHALLENGE_STEPS % len(self._starts)])
@@ -486,7 +466,7 @@ class FixedSizeRecursion:
 
     def _improved(self, fit: Fit, ending: Ending) -> Fit:
         """Return a fit after some steps; the other of it and the trial is scratch."""
-        problem = StepProblem(self._memory, self._prior)
+        problem = StepProblem(self._memory, PRIOR)
         if improve(problem, fit, self._trial, ending, True):
             fit, self._trial = self._trial, fit
         return fit
@@ -498,7 +478,7 @@ class FixedSizeRecursion:
         other.linear[:] = fit.linear
         other.variance[0] = fit.variance[0]
         other.damping[0] = _START_DAMPING
-        if not evaluate(self._memory, self._prior, other):
+        if not evaluate(self._memory, PRIOR, other):
             return
         other = self._improved(other, _CHALLENGER_STEPS)
         if other.cost[0] < fit.cost[0] - _CHALLENGER_GAIN * fit.variance[0]:
