@@ -334,7 +334,7 @@ class IdentificationStream:
         self._samples = 0
         self._cells = 0
         self._acting_ns = np.empty(0, dtype=np.int64)
-        self._misfit = ResponseMisfit() if estimator.on_line else None
+        self._misfit = ResponseMisfit()
 
     @property
     def held(self) -> bool:
@@ -450,7 +450,8 @@ class IdentificationStream:
         counts = self._counter.counts()
         estimate = self.estimator.estimate(self._last_ns, counts)
         doubts = (*self._doubts.names(self._samples, counts), *estimate.doubts)
-        if self._misfit is not None and self._misfit.doubted and estimate.curve_known:
+        # one that works off line compares the force with its one fit itself
+        if self.estimator.on_line and self._misfit.doubted and estimate.curve_known:
             doubts = (*doubts, RESPONSE_MISFIT)
         found = self._alignment.found
         reasons = (*estimate.reasons, *found.values())
@@ -466,8 +467,7 @@ class IdentificationStream:
         self._queue.restart()
         self._queue.add(overtaking, stamp_ns)
         self._pipeline.restart()
-        if self._misfit is not None:
-            self._misfit.restart()
+        self._misfit.restart()
         self._alignment.restart()
         self.estimator.forget_pulses()
         self._queue.exclude(stamp_ns - 1, stamp_ns + self._memory_ns)
@@ -544,8 +544,7 @@ class IdentificationStream:
         if self._held_ns is not None:
             usable &= stamps <= self._held_ns
         prediction = self.estimator.update(stamps, values, usable)
-        if self._misfit is not None:
-            self._misfit.add(stamps, values, prediction, usable)
+        self._misfit.add(stamps, values, prediction, usable)
         self._counter.count_until(int(stamps[-1]))
         self._count_marks(stamps, marks)
         self._counter.add(faults.SAMPLES_EXCLUDED, int(np.count_nonzero(~usable)))
@@ -560,8 +559,7 @@ class IdentificationStream:
         )
         self.estimator.add_pulses(onset, intensity)
         self._pipeline.add_pulses(onset, intensity)
-        if self._misfit is not None:
-            self._misfit.add_pulses(onset, intensity)
+        self._misfit.add_pulses(onset, intensity)
         self._acting_ns = np.concatenate((self._acting_ns, onset))
 
     def _predicted(self, stamp_ns: IntArray) -> FloatArray | None:
