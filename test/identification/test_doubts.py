@@ -166,8 +166,8 @@ def test_a_response_that_is_known_well_is_read_exactly(constant, latency, order)
     response = np.linalg.pinv(basis.evaluate(time)) @ (
         5.0 * twitch(time - latency, constant, order)
     )
-    found = TwitchReader(basis).read(response, 1e-10 * np.eye(len(response)))
-    assert len(found[0]) == len(PHYSIOLOGY_NAMES)
+    values, deviations = TwitchReader(basis).read(response, 1e-10 * np.eye(len(response)))
+    assert len(values) == len(PHYSIOLOGY_NAMES)
     # the reader takes the basis to miss 0.1 % of the response: its deviations say what that means
-    assert (np.abs(found.values - truth) < found.deviations).all()
-    np.testing.assert_allclose(found.values[0], constant, rtol=0.02)
+    assert (np.abs(values - truth) < deviations).all()
+    np.testing.assert_allclose(values[0], constant, rtol=0.02)
