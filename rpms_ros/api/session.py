@@ -16,7 +16,7 @@ from rpms_ros.axis import UNITS
 from rpms_ros.errors import RecordingError
 from rpms_ros.identification import DEFAULT_RATE
 from rpms_ros.identification.model.settings import PEOPLE_PRESET
-from rpms_ros.identification.stream.pulse_queue import no_overlap
+from rpms_ros.identification.stream.arrivals import no_overlap
 from rpms_ros.muscle import Subject
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, ForceTrace, IntArray, PulseTrain
 from rpms_ros.recording import Recording, Topics, write_recording

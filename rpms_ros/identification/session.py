@@ -19,8 +19,9 @@ from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.estimation.estimator import ProjectionEstimator
 from rpms_ros.identification.estimation.prior import FittedMuscle
 from rpms_ros.identification.model.estimate import Estimate, Estimator
+from rpms_ros.identification.stream.arrivals import GAP_NS
 from rpms_ros.identification.stream.monitors import Monitor, ProcessedSamples
-from rpms_ros.identification.stream.stream import GAP_NS, IdentificationStream, StreamSettings
+from rpms_ros.identification.stream.stream import IdentificationStream, StreamSettings
 from rpms_ros.printable import counted
 from rpms_ros.pulses import (
     NANOSECONDS_PER_SECOND,
@@ -212,14 +213,10 @@ def identify(
     if not trace.cells:
         raise IdentificationError(_why_nothing(forces.force, settings.largest_force))
     muscle = estimator.fitted() if isinstance(estimator, ProjectionEstimator) else None
-    return IdentifiedSession(
-        estimates,
-        trace.column('stamp_ns'),
-        trace.column('force'),
-        trace.column('prediction'),
-        trace.column('usable'),
-        muscle if estimates[-1].curve_known else None,
-    )
+    names = ('stamp_ns', 'force', 'prediction', 'usable')
+    columns = dict(zip(names, map(trace.column, names), strict=True))
+    known = estimates[-1].curve_known
+    return IdentifiedSession(estimates, **columns, muscle=muscle if known else None)
 
 
 def _why_nothing(force: FloatArray, largest: float) -> str:

@@ -26,8 +26,10 @@ import numpy.typing as npt
 from scipy.special import expit, ndtr
 
 from rpms_ros.errors import MuscleError, check_number
-from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray
 
+REFRACTORY_NS = 1_000_000
+"""A motor axon is absolutely refractory for about a millisecond: no interval counts as shorter."""
 SMALLEST_SEPARATION = 0.05
 """A muscle whose u_sat is not this far above its u_thr is nothing that can be identified."""
 
@@ -180,6 +182,27 @@ class RateRecruitment:
         """
         rate = np.maximum(np.asarray(rate_hz, dtype=np.float64), self.lowest_rate)
         return self(rate) / rate
+
+    def of_train(
+        self, onset_ns: IntArray, rate_hz: float, last_ns: int | None = None
+    ) -> FloatArray:
+        """Return the weights (pulses,) by the intervals before pulses, 1 at the rate `rate_hz`.
+
+        Parameters
+        ----------
+        onset_ns : ndarray of int64 (pulses,)
+            Ascending onsets [ns].
+        rate_hz : float
+            Rate at which the weight is 1 [Hz].
+        last_ns : int or None
+            Onset of the pulse before them [ns]; None: there was none.
+        """
+        before = onset_ns[:1] if last_ns is None else [last_ns]
+        interval = np.diff(onset_ns, prepend=before)
+        rate = NANOSECONDS_PER_SECOND / np.maximum(interval, REFRACTORY_NS)
+        if last_ns is None:
+            rate[:1] = 0.0
+        return self.per_pulse(rate) / float(self.per_pulse(rate_hz))
 
 
 @dataclass(frozen=True)

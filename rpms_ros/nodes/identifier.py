@@ -55,8 +55,8 @@ from rpms_ros.nodes.common.diagnostics import (
     logger_of,
     plain_text,
 )
+from rpms_ros.nodes.common.hearing import Ear, Taken
 from rpms_ros.nodes.common.parameters import NodeParameters, declare_parameters, parameter
-from rpms_ros.nodes.common.qos import Ear, Taken
 from rpms_ros.nodes.common.runner import NodeOfParts, every, run
 from rpms_ros.nodes.common.topics import MESSAGE_TYPES
 from rpms_ros.pulses import ForceTrace, IntArray, PulseTrain

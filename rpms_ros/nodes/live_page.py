@@ -42,9 +42,9 @@ from rpms_ros.live.server import Access, LiveServer, token_of
 from rpms_ros.live.session import LiveSession
 from rpms_ros.nodes.common import qos, topics
 from rpms_ros.nodes.common.diagnostics import PERIOD_S, logger_of
+from rpms_ros.nodes.common.hearing import drained, taken_from
 from rpms_ros.nodes.common.operator import ButtonPublisher
 from rpms_ros.nodes.common.parameters import NodeParameters, declare_parameters, parameter
-from rpms_ros.nodes.common.qos import drained, taken_from
 from rpms_ros.nodes.common.runner import NodeOfParts, every, run
 
 _Data = TypeVar('_Data', bytes, list[bytes])

@@ -36,8 +36,8 @@ from rpms_msgs.msg import AcceptedSchedule, DriverStatus, MuscleEstimate, Muscle
 from rpms_ros.errors import NodeError, RecordingError
 from rpms_ros.nodes.common import qos, topics
 from rpms_ros.nodes.common.diagnostics import PERIOD_S, DiagnosticsPublisher, Health, logger_of
+from rpms_ros.nodes.common.hearing import Ear
 from rpms_ros.nodes.common.parameters import NodeParameters, declare_parameters, parameter
-from rpms_ros.nodes.common.qos import Ear
 from rpms_ros.nodes.common.runner import NodeOfParts, every, run
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.recording import RecordingWriter

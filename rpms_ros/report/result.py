@@ -51,7 +51,7 @@ from rpms_ros.identification.quality.verdict import (
     period_of_estimates,
     verdict_of,
 )
-from rpms_ros.identification.stream.pulse_queue import of_one_intensity, outside_shares
+from rpms_ros.identification.stream.arrivals import of_one_intensity, outside_shares
 from rpms_ros.printable import counted
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, PulseTrain
 from rpms_ros.recording import Recording, session_hash

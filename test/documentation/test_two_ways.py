@@ -10,6 +10,7 @@ from types import FrameType
 
 import numpy as np
 import pytest
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import WrenchStamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
@@ -51,6 +52,7 @@ class Tracer:
     def __init__(self, *begins: str) -> None:
         self.begins = begins
         self.passed: dict[str, list[str]] = {}
+        self.calls: set[tuple[str, str]] = set()
         self.inside: dict[str, FrameType | None] = {}
         self.on = False
 
@@ -61,14 +63,18 @@ class Tracer:
         if event == 'call':
             if f'{name}:{frame.f_code.co_name}' in self.begins:
                 self.inside[thread] = self.inside.get(thread) or frame
-            self.note(name)
+            self.note(name, frame.f_back)
         elif event == 'return' and self.inside.get(thread) is frame:
             self.inside[thread] = None
 
-    def note(self, name: str) -> None:
+    def note(self, name: str, caller: FrameType | None) -> None:
         thread = threading.current_thread().name
         if self.on and self.inside.get(thread):
             self.passed.setdefault(thread, []).append(name)
+            while caller is not None and not caller.f_code.co_filename.startswith(PACKAGE):
+                caller = caller.f_back
+            if caller is not None:
+                self.calls.add((name_of(caller.f_code.co_filename), name))
 
     def compiled(self, monkeypatch) -> None:
         """Note compiled functions where Python calls them."""
@@ -81,7 +87,7 @@ class Tracer:
         name = name_of(function.py_func.__code__.co_filename)
 
         def call(*arguments):
-            self.note(name)
+            self.note(name, sys._getframe(1))
             return function(*arguments)
 
         return call
@@ -100,10 +106,15 @@ def tracing():
     threading.setprofile(None)
 
 
-def compare(title: str, passed: list[str]) -> None:
-    """Compare the modules that ran with those of the page: in order, but for values."""
+def compare(title: str, passed: list[str]) -> list[str]:
+    """Compare the modules that ran with those of the page: in order, but for values.
+
+    Returns those on the way.
+    """
     (text,) = re.findall(rf'^\*\*{title}\*\*(.*?)(?=^\*\*|^## )', PAGE, re.MULTILINE | re.DOTALL)
-    way, values = (re.findall(r'`([\w/]+)`', part) for part in text.split('Values and messages'))
+    way, values = (
+        re.findall(r'`([\w/]+)`', part) for part in re.split('^Values', text, flags=re.MULTILINE)
+    )
     # the others are names of estimators, actions and the like
     way = [name for name in way if '/' in name or Path(PACKAGE, f'{name}.py').exists()]
     found = list(dict.fromkeys(passed))
@@ -111,6 +122,7 @@ def compare(title: str, passed: list[str]) -> None:
     assert passed == way, f'CONTRIBUTING.md, expected {passed}, got {way}'
     unused = set(values) - set(found)
     assert not unused, f'CONTRIBUTING.md, expected no value that is not used, got {unused}'
+    return way
 
 
 def test_a_force_sample(graph, tracing, monkeypatch):
@@ -134,16 +146,21 @@ def test_a_force_sample(graph, tracing, monkeypatch):
             force.wrench.force.z = 1.0 + float(np.sin(number / 30))
             forces.publish(force)
 
-    send(0, 3000)
-    graph.wait_for(lambda: estimates and estimates[-1].samples > 2500)
+    # to the middle of a cell, so that what comes next is learnt from before it is in an estimate
+    send(0, 3050)
+    stamp = Time(sec=2, nanosec=799 * MILLISECOND)
+    graph.wait_for(lambda: estimates and estimates[-1].header.stamp == stamp)
     tracer = tracing('nodes/identifier:_process')
     tracer.compiled(monkeypatch)
     before = len(estimates)
     tracer.on = True
-    send(3000, 3200)
+    send(3050, 3250)
     graph.wait_for(lambda: len(estimates) > before)
     tracer.on = False
-    compare('A force sample', tracer.passed['MainThread'])
+    way = compare('A force sample', tracer.passed['MainThread'])
+    inside = [call for call in tracer.calls if set(call) <= set(way)]
+    back = [call for call in inside if way.index(call[1]) < way.index(call[0])]
+    assert back == [('identification/recursion/people', 'identification/quality/doubts')]
 
 
 def test_a_pulse(graph, tracing, instrument, monkeypatch, tmp_path):

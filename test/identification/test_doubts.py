@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from rpms_ros.identification import FixedSizeRecursion, StreamSettings, estimator_by_name, identify
+from rpms_ros.identification.estimation.statement import PHYSIOLOGY_NAMES, PRIOR, TwitchReader
 from rpms_ros.identification.model.basis import LaguerreBasis
-from rpms_ros.identification.model.physiology import PHYSIOLOGY_NAMES, PRIOR, TwitchReader
 from rpms_ros.identification.quality.doubts import REASON, RESPONSE_MISFIT, ResponseMisfit
 from rpms_ros.identification.quality.explained_force import (
     informed_parameters,
@@ -166,8 +166,8 @@ def test_a_response_that_is_known_well_is_read_exactly(constant, latency, order)
     response = np.linalg.pinv(basis.evaluate(time)) @ (
         5.0 * twitch(time - latency, constant, order)
     )
-    found = TwitchReader(basis).read(response, 1e-10 * np.eye(len(response)))
-    assert len(found.values) == len(PHYSIOLOGY_NAMES)
+    values, deviations = TwitchReader(basis).read(response, 1e-10 * np.eye(len(response)))
+    assert len(values) == len(PHYSIOLOGY_NAMES)
     # the reader takes the basis to miss 0.1 % of the response: its deviations say what that means
-    assert (np.abs(found.values - truth) < found.deviations).all()
-    np.testing.assert_allclose(found.values[0], constant, rtol=0.02)
+    assert (np.abs(values - truth) < deviations).all()
+    np.testing.assert_allclose(values[0], constant, rtol=0.02)

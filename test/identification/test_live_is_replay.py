@@ -225,8 +225,8 @@ def test_far_pulses_are_given_up_at_one_time(images, after_ms):
 @pytest.mark.parametrize('ahead_ms', [300, 10_500])
 def test_a_flood_is_refused_alike(images, monkeypatch, cut_every, ahead_ms):
     """More pulses than there is room for, with limits that a test can reach."""
-    monkeypatch.setattr('rpms_ros.identification.stream.pulse_queue.MOST_PULSES', 40)
-    monkeypatch.setattr('rpms_ros.identification.stream.pulse_queue.MOST_IN_A_SECOND', 30)
+    monkeypatch.setattr('rpms_ros.identification.stream.arrivals.MOST_PULSES', 40)
+    monkeypatch.setattr('rpms_ros.identification.stream.arrivals.MOST_IN_A_SECOND', 30)
     arrivals: list[Arrival] = [Pulse(START_NS + index * SECOND, 0.5, index) for index in range(50)]
     for index, sample in enumerate(slow_samples(14)):
         arrivals.append(sample)

@@ -18,7 +18,7 @@ from rpms_ros.identification.quality.doubts import (
     stated_doubt,
 )
 from rpms_ros.identification.quality.verdict import reasons_of_data, verdict_of
-from rpms_ros.identification.stream.pulse_queue import (
+from rpms_ros.identification.stream.arrivals import (
     PulseQueue,
     no_overlap,
     of_one_intensity,
@@ -47,7 +47,8 @@ class Queue:
         self.queue.add(PulseTrain.of(train))
 
     def onsets(self, until: int) -> list[int]:
-        return (self.queue.settle(until * MILLISECOND)[0] // MILLISECOND).tolist()
+        until_ns = until * MILLISECOND
+        return (self.queue.settle(until_ns, until_ns)[0] // MILLISECOND).tolist()
 
     def unknown(self, *stamps: int) -> list[bool]:
         return self.queue.unknown(MILLISECOND * np.array(stamps, dtype=np.int64)).tolist()
@@ -58,7 +59,7 @@ def test_the_order_of_arrival_does_not_matter(order, size):
     queue = Queue()
     for start in range(0, 12, size):
         queue.add(*((50 * index, index / 12, index) for index in order[start : start + size]))
-    onset, intensity = queue.queue.settle(1000 * MILLISECOND)
+    onset, intensity = queue.queue.settle(1000 * MILLISECOND, 1000 * MILLISECOND)
     assert (onset // MILLISECOND).tolist() == list(range(0, 600, 50))
     assert intensity.tolist() == [index / 12 for index in range(12)]
     assert queue.counter.counts() == {}
@@ -136,7 +137,7 @@ def test_a_flood_of_far_pulses_is_bounded():
     for start_ns in (10**18, 10**17, 10**16):
         queue.queue.add(flood(start_ns, 60_000, 50 * MILLISECOND), newest_ns=0)
     queue.queue.add(PulseTrain.of([Pulse(50 * MILLISECOND, 0.5, 0)]), newest_ns=0)
-    assert queue.queue._far._count == 100_000
+    assert len(queue.queue._far._kept) == 100_000
     assert queue.onsets(100) == [50]
     # said when the second of the force in which they came is over
     assert queue.counter.counts() == {}

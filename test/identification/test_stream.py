@@ -16,8 +16,8 @@ from rpms_ros.identification import (
     ModifiedRecursiveLM,
     StreamSettings,
 )
+from rpms_ros.identification.stream.arrivals import MOST_WAITING
 from rpms_ros.identification.stream.monitors import Monitor, ProcessedSamples
-from rpms_ros.identification.stream.stream import MOST_WAITING
 from rpms_ros.pulses import FloatArray, ForceTrace, PulseTrain
 
 MILLISECOND = 1_000_000

@@ -31,7 +31,7 @@ from rpms_ros.identification.analysis.responses import (
 )
 from rpms_ros.identification.analysis.trains import MOST_PULSES, SummationAnalysis, analyze_trains
 from rpms_ros.identification.analysis.twitches import TwitchAnalysis, analyze_twitches
-from rpms_ros.identification.stream.pulse_queue import outside_shares
+from rpms_ros.identification.stream.arrivals import outside_shares
 from rpms_ros.muscle import RateRecruitment
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, ForceTrace, IntArray, PulseTrain, nanoseconds
 

@@ -31,7 +31,7 @@ from numba.extending import register_jitable
 
 from rpms_ros.identification.analysis.responses import Response
 from rpms_ros.identification.model.levenberg_marquardt import Ending, dot, minimiser
-from rpms_ros.identification.model.physiology import TWITCH, twitch_row
+from rpms_ros.muscle.twitch import TWITCH, twitch_row
 from rpms_ros.pulses import FloatArray, IntArray
 
 _ENDING = Ending(steps=60, tolerance=1e-9, least_cost=1e-18)
@@ -179,16 +179,7 @@ def _move(twitches: Twitches, shape: SharedShape, step: FloatArray, trial: Share
     _measure(twitches, trial)
 
 
-@register_jitable
-def _accept(shape: SharedShape, trial: SharedShape) -> None:
-    shape.theta[:] = trial.theta
-    shape.normal[:] = trial.normal
-    shape.slope[:] = trial.slope
-    shape.linear[:] = trial.linear
-    shape.cost[0] = trial.cost[0]
-
-
-_minimise = minimiser(_linearise, _room, _move, _accept)
+_minimise = minimiser(_linearise, _room, _move)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -225,10 +216,9 @@ def shared_fit(
     """
     twitches = Twitches(lag, force, starts, start[2])
     rows = np.empty((len(lag), 5))
-    shape = _begin(twitches, start[:2], rows)
+    shape, trial = _begin(twitches, start[:2], rows), _begin(twitches, start[:2], rows)
     _measure(twitches, shape)
-    _minimise(twitches, shape, _begin(twitches, start[:2], rows), _ENDING, True)
-    return shape
+    return trial if _minimise(twitches, shape, trial, _ENDING, True) else shape
 
 
 @numba.njit(cache=True, nogil=True)

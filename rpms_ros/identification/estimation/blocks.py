@@ -18,7 +18,7 @@ import numpy as np
 from rpms_ros.identification.model.basis import transition_generator
 from rpms_ros.identification.model.summation import PulseHistory, TemporalSummation
 from rpms_ros.muscle.recruitment import RateRecruitment
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray, nanoseconds
+from rpms_ros.pulses import FloatArray, IntArray, nanoseconds
 
 # Columns of `BlockStatistics.response`: sums of e y, e and e tau.
 RESPONSE_FORCE, RESPONSE_ONE, RESPONSE_TIME = range(3)
@@ -182,10 +182,6 @@ def without_force(
             response[row, RESPONSE_FORCE] -= blocks.gram[here, row, column] * values[column]
 
 
-# A motor axon is absolutely refractory for about a millisecond: no interval counts as shorter.
-_REFRACTORY_NS = 1_000_000
-
-
 class PulseDelayLine:
     """Pulses whose twitch has not begun, with their weights.
 
@@ -209,8 +205,7 @@ class PulseDelayLine:
         history: TemporalSummation | None = None,
     ) -> None:
         self._latency_ns = nanoseconds(latency)
-        self._by_rate = by_rate
-        self._unit = float(by_rate.per_pulse(rate_hz)) if by_rate is not None else 1.0
+        self._by_rate, self._rate_hz = by_rate, rate_hz
         self._history = PulseHistory(history, rate_hz) if history is not None else None
         self._last_ns: int | None = None
         self.begin_ns = np.empty(0, dtype=np.int64)
@@ -264,10 +259,4 @@ class PulseDelayLine:
             return self._history.weights(onset_ns, intensity)
         if self._by_rate is None:
             return np.ones(len(onset_ns))
-        rate = np.zeros(len(onset_ns))
-        interval = np.diff(onset_ns)
-        rate[1:] = NANOSECONDS_PER_SECOND / np.maximum(interval, _REFRACTORY_NS)
-        if self._last_ns is not None:
-            since = max(int(onset_ns[0]) - self._last_ns, _REFRACTORY_NS)
-            rate[0] = NANOSECONDS_PER_SECOND / since
-        return self._by_rate.per_pulse(rate) / self._unit
+        return self._by_rate.of_train(onset_ns, self._rate_hz, self._last_ns)

@@ -26,12 +26,13 @@ from rpms_ros.identification.estimation.intake import (
 )
 from rpms_ros.identification.estimation.prior import FittedMuscle, Knowledge, knowledge_of
 from rpms_ros.identification.estimation.settings import Baseline, Problem, ProjectionSettings
-from rpms_ros.identification.estimation.uncertainty import (
+from rpms_ros.identification.estimation.statement import (
     Counters,
     EstimateBuilder,
     Muscle,
     ResidualSums,
     condition_number,
+    nearest_arctangents,
 )
 from rpms_ros.identification.estimation.window_fit import INTERVAL_NS, fresh_fit
 from rpms_ros.identification.model.basis import LaguerreBasis
@@ -41,7 +42,7 @@ from rpms_ros.identification.model.estimate import (
     Estimate,
     recruiting_range,
 )
-from rpms_ros.identification.model.recruitment import NONLINEAR, PARAMETERS, nearest_arctangents
+from rpms_ros.identification.model.recruitment import NONLINEAR, PARAMETERS
 from rpms_ros.identification.quality.doubts import FACTORISATION_FAILED, FaultCounter
 from rpms_ros.muscle.recruitment import RecruitmentParameters
 from rpms_ros.pulses import BoolArray, FloatArray, IntArray

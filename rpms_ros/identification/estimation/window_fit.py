@@ -23,7 +23,7 @@ from rpms_ros.identification.estimation.prior import (
     walk_information,
 )
 from rpms_ros.identification.estimation.settings import Problem
-from rpms_ros.identification.estimation.uncertainty import Uncertainty
+from rpms_ros.identification.estimation.statement import Uncertainty
 from rpms_ros.identification.estimation.window_equations import (
     SLOPES,
     Equations,

@@ -35,7 +35,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import solve_triangular
 
-from rpms_ros.errors import IdentificationError
+from rpms_ros.errors import IdentificationError, check_number
 from rpms_ros.pulses import FloatArray
 
 MOST_FUNCTIONS = 16
@@ -91,16 +91,10 @@ class LaguerreBasis:
     latency: float = 0.0
 
     def __post_init__(self) -> None:
-        if not 1 <= self.functions <= MOST_FUNCTIONS:
-            raise IdentificationError(
-                f'expected 1 to {MOST_FUNCTIONS} Laguerre functions, got {self.functions}'
-            )
-        if not (math.isfinite(self.time_constant) and self.time_constant > 0):
-            raise IdentificationError(
-                f'expected a time constant above 0 s, got {self.time_constant}'
-            )
-        if not (math.isfinite(self.latency) and self.latency >= 0):
-            raise IdentificationError(f'expected a latency of at least 0 s, got {self.latency}')
+        refused = IdentificationError
+        check_number(refused, 'number of Laguerre functions', self.functions, 1, MOST_FUNCTIONS)
+        check_number(refused, 'time constant', self.time_constant, 0, above=True, unit='s')
+        check_number(refused, 'latency', self.latency, 0, unit='s')
 
     @property
     def input_gain(self) -> float:
@@ -197,14 +191,10 @@ class DistortedSineBasis:
     tap: float = 1e-3
 
     def __post_init__(self) -> None:
-        if not 1 <= self.functions <= self.memory_taps:
-            raise IdentificationError(
-                f'expected 1 to {self.memory_taps} basis functions, got {self.functions}'
-            )
-        if not (math.isfinite(self.form_factor) and self.form_factor > 0):
-            raise IdentificationError(f'expected a form factor above 0, got {self.form_factor}')
-        if not (math.isfinite(self.tap) and self.tap > 0):
-            raise IdentificationError(f'expected a tap above 0 s, got {self.tap}')
+        refused = IdentificationError
+        check_number(refused, 'number of basis functions', self.functions, 1, self.memory_taps)
+        check_number(refused, 'form factor', self.form_factor, 0, above=True)
+        check_number(refused, 'tap', self.tap, 0, above=True, unit='s')
 
     @property
     def duration(self) -> float:

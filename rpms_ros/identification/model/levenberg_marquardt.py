@@ -2,14 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 r"""The Levenberg-Marquardt loop of every nonlinear fit in compiled code.
 
-A fit is composed of a *problem* and four functions of a model:
+A fit is composed of a *problem* and three functions of a model:
 
 * the problem holds samples or their condensed sums, the prior and the bounds;
 * ``linearise`` writes the Gauss-Newton matrix H and the gradient g (minus half that of the cost)
   at a point, linear unknowns eliminated;
 * ``room`` writes the least and greatest step of each parameter;
-* ``move`` computes another point: parameters, linear unknowns, cost;
-* ``accept`` copies a point.
+* ``move`` computes another point: parameters, linear unknowns, cost.
 
 A point is a named tuple of arrays: ``theta`` (parameters,), what the model needs, and (1,) each
 ``cost``, ``energy`` (sum of the squared data), ``damping`` of the next step, ``moved`` (largest
@@ -195,9 +194,7 @@ Linearise = Callable[[Any, Any, bool, FloatArray, FloatArray], bool]
 Room = Callable[[Any, Any, FloatArray, FloatArray], None]
 # (problem, here, step, trial): overwrites `trial`, and `step` by the one that was taken.
 Move = Callable[[Any, Any, FloatArray, Any], None]
-# (here, trial): copies `trial` to `here`.
-Accept = Callable[[Any, Any], None]
-Minimise = Callable[[Any, Any, Any, Ending, bool], None]
+Minimise = Callable[[Any, Any, Any, Ending, bool], bool]
 
 
 @numba.njit(cache=True, nogil=True)
@@ -262,12 +259,12 @@ def _predicted_reduction(hessian: FloatArray, gradient: FloatArray, step: FloatA
     return predicted
 
 
-def minimiser(linearise: Linearise, room: Room, move: Move, accept: Accept) -> Minimise:
+def minimiser(linearise: Linearise, room: Room, move: Move) -> Minimise:
     """Return the compiled fit of a model.
 
     Parameters
     ----------
-    linearise, room, move, accept : callable
+    linearise, room, move : callable
         Functions of the model, decorated by `numba.extending.register_jitable`; see the module.
 
     Returns
@@ -275,19 +272,20 @@ def minimiser(linearise: Linearise, room: Room, move: Move, accept: Accept) -> M
     callable
         ``minimise(problem, here, trial, ending, ready)`` improves the point `here`, whose cost
         and linear unknowns are known; `trial` is scratch of the same shape, `ready` is passed to
-        the first ``linearise``.
+        the first ``linearise``.  Returns whether the result is in `trial`: the two change places
+        with every step that is taken.
     """
 
-    def minimise(problem: Any, here: Any, trial: Any, ending: Ending, ready: bool) -> None:
+    def minimise(problem: Any, here: Any, trial: Any, ending: Ending, ready: bool) -> bool:
         count = len(here.theta)
         hessian = np.zeros((count, count))
         gradient, step, low, high = np.zeros((4, count))
-        fresh = False
+        fresh = changed = False
         for _ in range(ending.steps):
             if not fresh:
                 if not linearise(problem, here, ready, hessian, gradient):
                     here.failures[0] += 1.0
-                    return
+                    return changed
                 ready = False
                 fresh = True
                 room(problem, here, low, high)
@@ -301,15 +299,17 @@ def minimiser(linearise: Linearise, room: Room, move: Move, accept: Accept) -> M
             predicted = _predicted_reduction(hessian, gradient, step)
             actual = here.cost[0] - trial.cost[0]
             if actual >= -_ROUNDING * here.energy[0]:
-                accept(here, trial)
-                here.moved[0] = np.abs(step).max()
                 good = actual > _GOOD * predicted
-                here.damping[0] = max(damping * (0.1 if good else 1.0), LEAST_DAMPING)
-                fresh = False
+                trial.damping[0] = max(damping * (0.1 if good else 1.0), LEAST_DAMPING)
+                trial.moved[0] = np.abs(step).max()
+                trial.energy[0], trial.failures[0] = here.energy[0], here.failures[0]
+                here, trial = trial, here
+                fresh, changed = False, not changed
             else:
                 here.damping[0] = longer
             if predicted <= ending.tolerance * (here.cost[0] + ending.least_cost):
                 break
+        return changed
 
     # Part of the name of numba's index file: a file shared by several models could not be read
     # where the module of one of them is missing.

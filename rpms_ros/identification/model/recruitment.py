@@ -41,10 +41,6 @@ _LAST, _LONGER, _SHORTER = DEVIATION.stop, SUMMATION.start, SUMMATION.start + 1
 # The sines vanish here, beyond every intensity.
 _SPAN = 1.2
 _FREQUENCY: FloatArray = np.arange(1.0, _LAST - PARAMETERS + 1.0) * np.pi / _SPAN
-# Damped steps to the nearest arctangents, on this grid of intensities; the weak prior keeps the
-# parameters that a curve does not show.
-_NEAREST_STEPS, _WEAK = 12, 1e-6
-_GRID: FloatArray = np.linspace(0.02, 1.0, 50)
 _LEAST_WEIGHT = 1e-6
 
 
@@ -141,43 +137,3 @@ def coordinates(theta: FloatArray) -> FloatArray:
 def from_coordinates(values: FloatArray) -> FloatArray:
     """Return theta (n,) of its `coordinates`."""
     return np.concatenate((values[:2], np.exp(values[2:PARAMETERS]), values[PARAMETERS:]))
-
-
-def nearest_arctangents(theta: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the arctangents that are nearest to a recruitment but for a factor.
-
-    Returns
-    -------
-    parameters : ndarray (4,)
-        u_thr, u_sat, alpha_sat, alpha_thr: those of `theta` where there is no deviation.
-    derivative : ndarray (4, len(theta))
-        By `theta`; alpha as logarithms on both sides.
-    """
-    here = coordinates(theta)
-    if not theta[DEVIATION].any():
-        return theta[:PARAMETERS].copy(), np.eye(PARAMETERS, len(theta))
-    curve, slopes = recruitment_curve(_GRID, theta)
-    found, gain, damping = here[:PARAMETERS].copy(), 1.0, 1e-3
-    weak = _WEAK * np.eye(PARAMETERS + 1)
-
-    def equations(found: FloatArray, gain: float) -> tuple[FloatArray, FloatArray]:
-        shape, gradient = recruitment_curve(_GRID, from_coordinates(found))
-        return np.column_stack((gain * gradient, shape)), curve - gain * shape
-
-    columns, rest = equations(found, gain)
-    for _ in range(_NEAREST_STEPS):
-        square = columns.T @ columns
-        damped = square + damping * np.diag(np.diag(square)) + weak
-        pull = weak[:, :PARAMETERS] @ (here[:PARAMETERS] - found)
-        step = np.linalg.solve(damped, columns.T @ rest + pull)
-        step /= max(1.0, float(np.abs(step).max()) / 0.3)
-        trial = equations(found + step[:PARAMETERS], gain + step[-1])
-        if trial[1] @ trial[1] <= rest @ rest:
-            found, gain = found + step[:PARAMETERS], gain + float(step[-1])
-            columns, rest = trial
-            damping *= 0.1
-        else:
-            damping *= 10.0
-    square = columns.T @ columns + weak
-    derivative = np.linalg.solve(square, columns.T @ slopes).astype(np.float64)
-    return from_coordinates(found), derivative[:PARAMETERS]

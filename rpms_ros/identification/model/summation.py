@@ -29,7 +29,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from rpms_ros.errors import IdentificationError
+from rpms_ros.errors import IdentificationError, check_number
+from rpms_ros.muscle.recruitment import REFRACTORY_NS
 from rpms_ros.muscle.twitch import twitch
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray, nanoseconds
 
@@ -65,13 +66,8 @@ class HistoryLaw:
 
     def __post_init__(self) -> None:
         for name in self.POSITIVE:
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise IdentificationError(f'expected a {name} above 0, got {value}')
-        if not (math.isfinite(self.facilitation) and self.facilitation >= 0):
-            raise IdentificationError(
-                f'expected a facilitation of at least 0, got {self.facilitation}'
-            )
+            check_number(IdentificationError, name, getattr(self, name), 0, above=True)
+        check_number(IdentificationError, 'facilitation', self.facilitation, 0)
 
     def saturated(self, activation: FloatArray) -> FloatArray:
         """Return S(x) of activations, 1 at 1 and 0 below 0."""
@@ -83,8 +79,6 @@ class HistoryLaw:
 
 # After so many time constants a twitch is below a millionth of its peak.
 _TWITCH_SPAN = 24.0
-# No two pulses count as nearer: the axon is refractory.
-_REFRACTORY_NS = 1_000_000
 _STEADY_PULSES = 200
 # T_a of the weighted twitches, as share of that of equal pulses.  Fitted with the law it is 0.48
 # of it, with a series lag behind; without the lag 0.65 explains the rat's trains better than 0.5.
@@ -118,8 +112,7 @@ class TemporalSummation(HistoryLaw):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.order < 2:
-            raise IdentificationError(f'expected an order of at least 2, got {self.order}')
+        check_number(IdentificationError, 'order', self.order, 2)
 
     @classmethod
     def of_analysis(cls, document: Mapping[str, Any]) -> 'TemporalSummation':
@@ -193,7 +186,7 @@ class PulseHistory:
         self._span_ns = nanoseconds(_TWITCH_SPAN * law.time_constant)
         self._unit = 1.0
         self.forget()
-        interval = max(round(NANOSECONDS_PER_SECOND / rate_hz), _REFRACTORY_NS)
+        interval = max(round(NANOSECONDS_PER_SECOND / rate_hz), REFRACTORY_NS)
         steady = interval * np.arange(_STEADY_PULSES, dtype=np.int64)
         unit = float(self.weights(steady, np.ones(_STEADY_PULSES))[-1])
         if not unit > 0.0:
@@ -223,12 +216,12 @@ class PulseHistory:
         law = self._law
         left = 0.0
         if len(self._onset_ns):
-            since_ns = max(onset_ns - int(self._onset_ns[-1]), _REFRACTORY_NS)
+            since_ns = max(onset_ns - int(self._onset_ns[-1]), REFRACTORY_NS)
             left = (self._left + 1.0) * math.exp(-1e-9 * since_ns / law.facilitation_decay)
         gain = 1.0 + law.facilitation * left
         recent = self._onset_ns > onset_ns - self._span_ns
         peak = (law.order - 1) * law.time_constant
-        lag = 1e-9 * np.maximum(onset_ns - self._onset_ns[recent], _REFRACTORY_NS) + peak
+        lag = 1e-9 * np.maximum(onset_ns - self._onset_ns[recent], REFRACTORY_NS) + peak
         shape = twitch(lag, law.time_constant, law.order)
         activation = gain + self._gain[recent] @ shape
         weight = float(law.saturated(activation) - self._weight[recent] @ shape)

@@ -18,13 +18,17 @@ not push, and the twitch of one pulse is not larger than the largest force that 
 such pulses were given.
 """
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from rpms_ros.identification.model.estimate import Estimate
+from rpms_ros.identification.model.estimate import (
+    SMALLEST_INTENSITY_SPAN,
+    Estimate,
+    recruiting_range,
+)
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray
 
 FORCE_NOT_FINITE = 'force_not_finite'
@@ -167,33 +171,34 @@ class FaultCounter:
 
     def __init__(self, further: Mapping[str, str] | None = None) -> None:
         self._meaning = {**MEANING, **(further or {})}
-        self._counts: dict[str, int] = {}
-        self._postponed: dict[tuple[int, str], int] = {}
+        self._counts: Counter[str] = Counter()
+        self._postponed: Counter[tuple[int, str]] = Counter()
 
     def add(self, name: str, count: int = 1) -> None:
         """Count `count` more faults of a known kind."""
         if name not in self._meaning:
             raise KeyError(f'expected a fault of {", ".join(self._meaning)}, got {name}')
-        if count:
-            self._counts[name] = self._counts.get(name, 0) + count
+        self._counts[name] += count
 
-    def postpone(self, name: str, after_ns: int | None) -> None:
-        """Keep a fault that was found after a stamp [ns]; None: before the first."""
+    def postpone(self, name: str, after_ns: int | None, count: int = 1) -> None:
+        """Keep faults that count after a stamp [ns]; None: before the first."""
         # without one, earlier than any stamp
-        key = (-(2**63) if after_ns is None else after_ns, name)
-        self._postponed[key] = self._postponed.get(key, 0) + 1
+        self._postponed[-(2**63) if after_ns is None else after_ns, name] += count
 
     def count_until(self, until_ns: int | None) -> None:
         """Count what was found after stamps up to `until_ns`; None: everything."""
         for key in [key for key in self._postponed if until_ns is None or key[0] <= until_ns]:
             self.add(key[1], self._postponed.pop(key))
 
-    def counts(self, postponed: bool = False) -> dict[str, int]:
-        """Return the counts so far, in the order of the names; with `postponed`, those not due."""
-        total = dict(self._counts)
-        for (_, name), count in self._postponed.items() if postponed else ():
-            total[name] = total.get(name, 0) + count
-        return {name: total[name] for name in self._meaning if name in total}
+    def counts(self, found_ns: int | None = None) -> dict[str, int]:
+        """Return the counts so far, in the order of the names.
+
+        Those that were found after stamps up to `found_ns` [ns] are included, if it is given.
+        """
+        total = self._counts.copy()
+        for (after_ns, name), count in self._postponed.items():
+            total[name] += count if found_ns is not None and after_ns <= found_ns else 0
+        return {name: total[name] for name in self._meaning if total[name]}
 
 
 # A share is taken of at least so many samples [1].
@@ -247,8 +252,202 @@ class Doubts:
         )
 
 
+# Sums of 30 s, and lags up to 10 s at either side.
 _BIN_NS = 5_000_000
-_BINS = 20
+_BINS, _LAGS = 6000, 2000
+# Pulses are known so far ahead of the samples.
+_AHEAD = 40
+_FEWEST = 20
+# Intensities that are so much alike from pulse to pulse tell no delay.
+_FORETOLD = 0.9
+# Pulses in a row that arrive apart from the force; those kept.
+_FEW_APART, _STRANGE = 5, 200
+# Peak of a correlation in standard deviations of the rest of it.
+_CLEAR = 6.0
+# When the force may begin after its pulse [s]: latency of a muscle, and the delay of a filter.
+_ONSET = (-0.02, 0.05)
+# The response to a pulse is over after 0.6 s; rest of 1 s tells something.
+_RESPONSE_BINS, _LEAST_REST = 120, 200
+# Share of what pulses cause that is no chance, and how many standard deviations of chance.
+_ALIKE, _CERTAIN, _PERIODS = 0.25, 4.0, 4
+
+
+class Alignment:
+    """Whether force and pulses belong together in time, over the last half minute of a stream.
+
+    Pulses of another clock arrive far from the force that came before them, all by the same
+    time.  Where that says nothing, the increments of the force are correlated with the pulses: a
+    muscle answers a pulse within some tens of milliseconds and not before it.  And force that goes
+    on at the rate of the pulses where there are none has pulses that nobody was told of.
+
+    Parameters
+    ----------
+    lasting : bool
+        Whether what was found stays until the end, as for an estimator that forgets nothing.
+
+    Attributes
+    ----------
+    found : dict of str to str
+        Doubts by name, each with its reason for people.
+    """
+
+    def __init__(self, lasting: bool) -> None:
+        self._lasting = lasting
+        self.found: dict[str, str] = {}
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget earlier stamps: the clock has jumped."""
+        self._strange: deque[tuple[int, int, int]] = deque(maxlen=_STRANGE)
+        self._newest_bin: int | None = None
+        self._bins = np.zeros((4, _BINS))
+
+    def arrived_apart(self, onset_ns: IntArray, newest_ns: int) -> None:
+        """Note pulses (pulses,) that arrive far from the newest stamp of the force [ns]."""
+        self._strange.extend((newest_ns, onset, onset - newest_ns) for onset in onset_ns.tolist())
+
+    def add(
+        self, stamp_ns: IntArray, force: FloatArray, onset_ns: IntArray, intensity: FloatArray
+    ) -> None:
+        """Add processed samples (samples,) and pulses (pulses,), ascending [ns, N, ns, 1].
+
+        The sums do not depend on how samples are cut into blocks, in no bit.
+        """
+        if len(onset_ns):
+            # these came in time
+            later = [one for one in self._strange if one[0] > stamp_ns[-1]]
+            self._strange = deque(later, maxlen=_STRANGE)
+        newest = int(stamp_ns[-1]) // _BIN_NS + _AHEAD
+        before = newest - _BINS if self._newest_bin is None else self._newest_bin
+        self._bins[:, np.arange(max(before, newest - _BINS) + 1, newest + 1) % _BINS] = 0.0
+        self._newest_bin = newest
+        for row, at_ns, values in ((0, stamp_ns, force), (2, onset_ns, intensity)):
+            place = at_ns // _BIN_NS
+            recent = (place > newest - _BINS) & (place <= newest)
+            np.add.at(self._bins[row], place[recent] % _BINS, values[recent])
+            np.add.at(self._bins[row + 1], place[recent] % _BINS, 1.0)
+
+    def judge(self, until_ns: int) -> None:
+        """Look at what came until the newest processed stamp [ns]; to be called now and then."""
+        found = dict(self.found)
+        if self._newest_bin is not None:
+            order = np.arange(self._newest_bin + 1, self._newest_bin + 1 + _BINS) % _BINS
+            force, samples, intensity, pulses = self._bins[:, order]
+            known = np.flatnonzero(samples)
+            if np.count_nonzero(pulses) >= _FEWEST and len(known) > _FEWEST:
+                course = np.interp(np.arange(_BINS), known, force[known] / samples[known])
+                step = np.diff(course)
+                found = {} if not self._lasting else found
+                found |= _answered_apart(step, intensity[:-1], pulses[:-1], known[0], known[-1])
+                found |= _going_on(course[:-1], step, pulses[:-1], known[0], known[-1])
+        apart = [one for one in self._strange if one[0] <= until_ns]
+        if len(apart) >= _FEW_APART:
+            lags = np.array([lag for _, _, lag in apart]) / NANOSECONDS_PER_SECOND
+            middle = float(np.median(lags))
+            lasts = abs(apart[-1][1] - apart[0][1]) >= NANOSECONDS_PER_SECOND
+            if lasts and np.ptp(lags) < 0.5 * abs(middle):
+                found |= {CLOCKS_DIFFER: _apart(middle, 'pulses are stamped', 'the force')}
+        self.found = found
+
+
+def _apart(seconds: float, what: str, other: str) -> str:
+    which = 'before' if seconds < 0.0 else 'after'
+    return (
+        f'{CLOCKS_DIFFER}: {what} {abs(seconds):.3g} s {which} {other}: the clocks of sensor and '
+        'stimulator differ, or one is delayed'
+    )
+
+
+def _answered_apart(
+    step: FloatArray, intensity: FloatArray, pulses: FloatArray, first: int, last: int
+) -> dict[str, str]:
+    """Return a doubt if the increments of the force (bins,) do not follow the pulses (bins,)."""
+    step = np.clip(step, *np.quantile(step, (0.005, 0.995)))
+    places = np.flatnonzero(pulses)
+    given = intensity[places] / pulses[places]
+    drive = pulses - pulses.mean()
+    varied = float(np.ptp(given)) >= SMALLEST_INTENSITY_SPAN
+    given -= given.mean()
+    alike = float(given[1:] @ given[:-1]) / float(given @ given) if varied else 1.0
+    if alike < _FORETOLD:
+        # what the pulse before does not tell, or levels that are held would answer ahead
+        drive[:] = 0.0
+        drive[places[1:]] = given[1:] - alike * given[:-1]
+    known = (np.arange(len(step)) >= first) & (np.arange(len(step)) < last)
+    room = _correlated(known.astype(float), np.square(drive))
+    # lags at which little is left to compare are no measure of chance
+    enough = room >= 0.25 * room.max()
+    together = np.where(enough, _correlated(step - step[known].mean() * known, drive), 0.0)
+    together /= np.sqrt(np.where(enough, room, 1.0))
+    peak = int(np.argmax(np.abs(together)))
+    together *= np.sign(together[peak])
+    if together[peak] <= _CLEAR * 1.4826 * float(np.median(np.abs(together[enough]))):
+        return {}
+    # where pulses are alike, other lags explain as much: none of them may be possible
+    high = np.flatnonzero(together >= 0.6 * together[peak])
+    low = np.flatnonzero(together <= 0.25 * together[peak])
+    begins = low[np.maximum(np.searchsorted(low, high) - 1, 0)] + 1
+    onset = (begins - _LAGS + 0.5) * _BIN_NS / NANOSECONDS_PER_SECOND
+    if ((onset >= _ONSET[0]) & (onset <= _ONSET[1])).any():
+        return {}
+    nearest = float(onset[np.argmin(np.abs(onset))])
+    return {CLOCKS_DIFFER: _apart(nearest, 'the force answers', 'the pulses')}
+
+
+def _correlated(course: FloatArray, drive: FloatArray) -> FloatArray:
+    """Return the correlation of a course with a drive (bins,) by lag, that of 0 in the middle."""
+    # no shorter lag wraps around
+    size = _BINS + _LAGS
+    spectrum = np.fft.rfft(course, size) * np.conj(np.fft.rfft(drive, size))
+    by_lag = np.fft.irfft(spectrum, size)
+    return np.concatenate((by_lag[-_LAGS:], by_lag[: _LAGS + 1]))
+
+
+def _going_on(
+    course: FloatArray, step: FloatArray, pulses: FloatArray, first: int, last: int
+) -> dict[str, str]:
+    """Return a doubt if the force goes on where there are no pulses.
+
+    It does at their rate, or moves as much as with them: those of random intensity leave no trace
+    of their rate.
+    """
+    places = np.flatnonzero(pulses)
+    period = int(np.median(np.diff(places)))
+    every = np.arange(len(step))
+    since = every - places[np.maximum(np.searchsorted(places, every, side='right') - 1, 0)]
+    since[: places[0]] = _BINS
+    inside = (every >= first) & (every < last)
+    rest = inside & (since > max(_RESPONSE_BINS, 2 * period))
+    if period < 2 or np.count_nonzero(rest) < _LEAST_REST:
+        return {}
+
+    def beat(chosen: BoolArray) -> tuple[float, float]:
+        """Return how alike increments some periods apart are, and their power."""
+        total = 0.0
+        # not within the response to one pulse, which is alike by itself
+        for half in range(3, 2 * _PERIODS + 4):
+            lag = half * period // 2
+            pair = chosen[lag:] & chosen[:-lag]
+            alike = float(np.mean(step[lag:][pair] * step[:-lag][pair])) if pair.any() else 0.0
+            weight = 0.5 if half in (3, 2 * _PERIODS + 3) else 1.0
+            total += -weight * alike if half % 2 else weight * alike
+        return total / _PERIODS, float(np.mean(np.square(step[chosen])))
+
+    active = inside & (since <= period)
+    (alone, power), (driven, _) = beat(rest), beat(active)
+    chance = _CERTAIN * power / np.count_nonzero(rest) ** 0.5
+    found = ''
+    if alone >= chance and 0.0 < _ALIKE * driven < alone:
+        found = 'goes on at the rate of the pulses: some are not in the data'
+    elif course[rest].var() > max(_ALIKE * float(course[active].var()), _CERTAIN**2 * power):
+        found = 'moves as with pulses: some are not in the data, or the patient tenses there'
+    seconds = np.count_nonzero(rest) * _BIN_NS / NANOSECONDS_PER_SECOND
+    said = f'{FORCE_WITHOUT_PULSES}: for {seconds:.2g} s without a pulse the force {found}'
+    return {FORCE_WITHOUT_PULSES: said} if found else {}
+
+
+# Lags after a pulse, of the same length.
+_AFTER = 20
 # Sums of a lag: samples, intensity, its square, error, error times intensity, error squared.
 _SUMS = 6
 # Over all lags: samples, prediction, its square, error, error times prediction, force squared,
@@ -282,7 +481,7 @@ class ResponseMisfit:
         self._intensity = np.empty(0)
         self._cell: int | None = None
         self._cells = 0
-        self._by_lag = np.zeros((_SECONDS, _BINS, _SUMS))
+        self._by_lag = np.zeros((_SECONDS, _AFTER, _SUMS))
         self._over_all = np.zeros((_SECONDS, _ALL))
 
     def add_pulses(self, onset_ns: IntArray, intensity: FloatArray) -> None:
@@ -319,7 +518,7 @@ class ResponseMisfit:
     ) -> None:
         place = np.searchsorted(self._onset_ns, stamp_ns, side='right') - 1
         lag = (stamp_ns - self._onset_ns[np.maximum(place, 0)]) // _BIN_NS
-        chosen = usable & (place >= 0) & (lag < _BINS) & np.isfinite(force - prediction)
+        chosen = usable & (place >= 0) & (lag < _AFTER) & np.isfinite(force - prediction)
         lag, place = lag[chosen], place[chosen]
         force, expected = force[chosen], prediction[chosen]
         error, intensity = force - expected, self._intensity[place]
@@ -394,12 +593,20 @@ _SLOWER = 0.7
 
 
 class PlausibilityCheck:
-    """Compares an estimate with the largest force and intensity that the estimator was given."""
+    """Compares an estimate with the forces and the pulses that the estimator was given.
+
+    Attributes
+    ----------
+    largest_force : float
+        Of either sign [N].
+    pulses : int
+        How many there were.
+    """
 
     def __init__(self) -> None:
         self.largest_force = 0.0
-        self.largest_intensity = 0.0
-        self._pulses = 0
+        self.pulses = 0
+        self._intensity_range = (np.inf, -np.inf)
         self._time_ns = 0
         self._last_ns: int | None = None
 
@@ -411,8 +618,14 @@ class PlausibilityCheck:
             self._time_ns += max(int(onset_ns[0]) - self._last_ns, 0)
         self._time_ns += int(onset_ns[-1] - onset_ns[0])
         self._last_ns = int(onset_ns[-1])
-        self._pulses += len(onset_ns)
-        self.largest_intensity = max(self.largest_intensity, float(intensity.max()))
+        self.pulses += len(onset_ns)
+        self._intensity_range = recruiting_range(intensity, self._intensity_range)
+
+    @property
+    def intensity_span(self) -> float:
+        """Highest minus lowest intensity above 0, share of the maximum; negative without one."""
+        low, high = self._intensity_range
+        return high - low
 
     def add_forces(self, force: FloatArray, usable: BoolArray) -> None:
         """Add samples (samples,) [N]."""
@@ -424,7 +637,7 @@ class PlausibilityCheck:
         if not estimate.curve_known:
             return estimate
         # at intensities that were given
-        given = estimate.curve_intensity <= self.largest_intensity + 1e-9
+        given = estimate.curve_intensity <= self._intensity_range[1] + 1e-9
         curve = estimate.curve_force[given]
         full = float(estimate.curve_force[-1])
         # The response is to full intensity, which need not have been given.
@@ -434,7 +647,7 @@ class PlausibilityCheck:
         most = _BEYOND * self.largest_force
         # of fewer than two pulses there is no rate
         fast = not self._time_ns or (
-            (self._pulses - 1) * NANOSECONDS_PER_SECOND / self._time_ns
+            (self.pulses - 1) * NANOSECONDS_PER_SECOND / self._time_ns
             > _SLOWER * estimate.repetition_rate
         )
         wide = False

@@ -20,9 +20,8 @@ import numba
 import numpy as np
 from scipy.special import ndtri
 
-from rpms_ros.identification.estimation.uncertainty import LEAST_GAIN
+from rpms_ros.identification.estimation.statement import LEAST_GAIN, PRIOR
 from rpms_ros.identification.model.estimate import NOT_INFORMED, Estimate
-from rpms_ros.identification.model.physiology import PRIOR
 from rpms_ros.muscle.recruitment import RateRecruitment
 from rpms_ros.pulses import (
     NANOSECONDS_PER_SECOND,
@@ -37,8 +36,6 @@ from rpms_ros.pulses import (
 LAWS = (None, RateRecruitment())
 _JUDGED_PULSES = 101
 _AFTER_LAST_NS = 500_000_000
-# Shorter intervals count as this [ns].
-_SHORTEST_NS = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -218,10 +215,8 @@ def white_noise(force: FloatArray) -> float:
 def _rate_weights(rate_hz: float, onset_ns: IntArray, by_rate: RateRecruitment) -> FloatArray:
     """Return weights (pulses,) by the intervals before pulses, 1 at the rate `rate_hz` [Hz]."""
     order = np.argsort(onset_ns, kind='stable')
-    interval = np.maximum(np.diff(onset_ns[order]), _SHORTEST_NS)
     weight = np.empty(len(onset_ns))
-    rates = np.concatenate(([0.0], NANOSECONDS_PER_SECOND / interval))[: len(onset_ns)]
-    weight[order] = by_rate.per_pulse(rates) / float(by_rate.per_pulse(rate_hz))
+    weight[order] = by_rate.of_train(onset_ns[order], rate_hz)
     return weight
 
 

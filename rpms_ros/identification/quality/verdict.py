@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rpms_ros.axis import QUANTITIES
-from rpms_ros.errors import IdentificationError
+from rpms_ros.errors import IdentificationError, check_number
 from rpms_ros.identification.analysis.dynamics import TrainDynamics
 from rpms_ros.identification.model.estimate import NOT_INFORMED, Estimate
 from rpms_ros.identification.quality.doubts import (
@@ -33,7 +33,7 @@ from rpms_ros.identification.quality.explained_force import (
     white_noise,
 )
 from rpms_ros.identification.session import IdentifiedSession, settled
-from rpms_ros.identification.stream.pulse_queue import no_overlap, outside_shares, range_outside
+from rpms_ros.identification.stream.arrivals import no_overlap, outside_shares, range_outside
 from rpms_ros.identification.stream.stream import StreamSettings
 from rpms_ros.printable import percent_explained
 from rpms_ros.pulses import (
@@ -150,8 +150,8 @@ def verdict_of(
     IdentificationError
         If `expected_force` is not above 0.
     """
-    if not expected_force > 0.0:
-        raise IdentificationError(f'expected a largest force above 0 N, got {expected_force}')
+    refused = IdentificationError
+    check_number(refused, 'largest force', expected_force, 0, above=True, unit='N')
     unit = session.last.unit
     reasons = list(reasons_of_data(pulses, forces, expected_force, unit))
     if not any(grade == NO for grade, _ in reasons):

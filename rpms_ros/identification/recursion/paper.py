@@ -2,18 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """The paper's on-line estimator: modified recursive Levenberg-Marquardt, Sec. 3.2.2."""
 
-import math
 from collections.abc import Mapping
 
 import numpy as np
 
-from rpms_ros.errors import IdentificationError
+from rpms_ros.errors import IdentificationError, check_number
 from rpms_ros.identification.model.estimate import (
     CURVE_INTENSITY,
     DEFAULT_RATE,
     SMALLEST_INTENSITY_SPAN,
     Estimate,
-    recruiting_range,
 )
 from rpms_ros.identification.model.settings import TABLE_4, RecursiveSettings
 from rpms_ros.identification.quality.doubts import FACTORISATION_FAILED, PlausibilityCheck
@@ -60,16 +58,13 @@ class ModifiedRecursiveLM:
     def __init__(
         self, settings: RecursiveSettings = TABLE_4, seed: int = 0, rate_hz: float = DEFAULT_RATE
     ) -> None:
-        if not (math.isfinite(rate_hz) and rate_hz > 0):
-            raise IdentificationError(f'expected a repetition rate above 0 Hz, got {rate_hz}')
+        check_number(IdentificationError, 'repetition rate', rate_hz, 0, above=True, unit='Hz')
         self.settings = settings
         self.rate_hz = rate_hz
         self._constants = _constants(settings)
         self._state = _start(settings, seed)
         self._onset_ns = np.empty(0, dtype=np.int64)
         self._intensity = np.empty(0)
-        self._intensity_range = (np.inf, -np.inf)
-        self._pulses = 0
         self._plausibility = PlausibilityCheck()
         self._response_time = np.arange(0.0, settings.basis.duration, RESPONSE_STEP)
         self._response_basis = settings.basis.evaluate(self._response_time)
@@ -86,23 +81,15 @@ class ModifiedRecursiveLM:
 
     def add_pulses(self, onset_ns: IntArray, intensity: FloatArray) -> None:
         """Add pulses (pulses,), ascending, none before one that was already added [ns, 1]."""
-        if not len(onset_ns):
-            return
         self._plausibility.add_pulses(onset_ns, intensity)
         self._onset_ns = np.concatenate((self._onset_ns, onset_ns))
         self._intensity = np.concatenate((self._intensity, intensity))
-        self._intensity_range = recruiting_range(intensity, self._intensity_range)
-        self._pulses += len(onset_ns)
 
     def forget_pulses(self) -> None:
         """Drop the pulses that still act: the clock has jumped, their lag is unknown."""
         self._onset_ns = np.empty(0, dtype=np.int64)
         self._intensity = np.empty(0)
-        # With a stamp before the newest one the decaying energies would grow.
-        scalars = self._state.scalars
-        scalars['error_energy'][0] = 0.0
-        scalars['force_energy'][0] = 0.0
-        scalars['previous_ns'][0] = 0
+        self._state.scalars[['error_energy', 'force_energy']] = 0.0
 
     def update(self, stamp_ns: IntArray, force: FloatArray, usable: BoolArray) -> FloatArray:
         """Learn from samples (samples,), ascending; return their a-priori prediction [N].
@@ -150,7 +137,7 @@ class ModifiedRecursiveLM:
             response_force=self._response_basis @ linear * full,
             output_error=error,
             samples=int(scalars['samples'][0]),
-            pulses=self._pulses,
+            pulses=self._plausibility.pulses,
             damping=float(scalars['damping'][0]),
             condition_number=float(scalars['condition_number'][0]),
             faults=dict(faults),
@@ -164,8 +151,7 @@ class ModifiedRecursiveLM:
 
     def _curve(self, parameters: RecruitmentParameters, linear: FloatArray) -> FloatArray:
         """Return K rho(u) [N] (101,), empty if one intensity only has been seen."""
-        low, high = self._intensity_range
-        if not high - low >= SMALLEST_INTENSITY_SPAN:
+        if not self._plausibility.intensity_span >= SMALLEST_INTENSITY_SPAN:
             return np.empty(0)
         gain = self.rate_hz * float(self.settings.basis.area @ linear)
         return gain * identified_recruitment(parameters, CURVE_INTENSITY)

@@ -32,13 +32,13 @@ depend on the nonlinear parameters, and its recruitment, which does.  The basis 
 sample and used again for the regressors of a trial step.
 """
 
-import math
 from typing import NamedTuple
 
 import numba
 import numpy as np
 import numpy.typing as npt
 
+from rpms_ros.identification.estimation.intake import count_energy
 from rpms_ros.identification.model.basis import distorted_sines
 from rpms_ros.identification.model.levenberg_marquardt import condition_number, dot, solve_positive
 from rpms_ros.identification.model.settings import BOUNDS
@@ -218,7 +218,6 @@ def mix(mixing: FloatArray, raw: FloatArray, regressor: FloatArray) -> None:
         regressor[function] = dot(mixing[function], raw)
 
 
-OUTPUT_ERROR_TIME = 1.0
 # Covariance above which nothing is forgotten: without excitation P would grow without bound.
 # Far above what a sinusoid from 0 to 1 needs, far enough below 1 / epsilon for P to stay positive.
 LARGEST_COVARIANCE = 1e10
@@ -380,6 +379,7 @@ def process(
     """
     constants, state, work = recursion.constants, recursion.state, recursion.work
     shape, scalars = constants.shape, state.scalars
+    energies = scalars['error_energy'], scalars['force_energy'], scalars['previous_ns']
     span_ns = shape[0] * (shape[1] + 0.5)
     prediction = np.empty(len(stamp_ns))
     first = 0
@@ -397,13 +397,8 @@ def process(
         prediction[index] = dot(work.regressor, state.linear) if recruits else 0.0
         if not usable[index]:
             continue
-        decay = math.exp(-(stamp - scalars['previous_ns'][0]) * 1e-9 / OUTPUT_ERROR_TIME)
-        scalars['previous_ns'][0] = stamp
         error = force[index] - prediction[index]
-        scalars['error_energy'][0] = decay * scalars['error_energy'][0] + error * error
-        scalars['force_energy'][0] = (
-            decay * scalars['force_energy'][0] + force[index] * force[index]
-        )
+        count_energy(*energies, stamp, error, force[index])
         if recruits:
             _learn(force[index], error, acting, recursion)
             scalars['samples'][0] += 1

@@ -23,7 +23,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rpms_ros.errors import IdentificationError
+from rpms_ros.errors import IdentificationError, check_number
 from rpms_ros.identification.estimation.blocks import (
     COUNT,
     LONGEST_BLOCK_NS,
@@ -32,18 +32,27 @@ from rpms_ros.identification.estimation.blocks import (
     newest,
 )
 from rpms_ros.identification.estimation.settings import PRIOR, ProjectionSettings
-from rpms_ros.identification.estimation.uncertainty import Counters, EstimateBuilder, ResidualSums
+from rpms_ros.identification.estimation.statement import (
+    MISFIT,
+    Counters,
+    EstimateBuilder,
+    Muscle,
+    ResidualSums,
+    Uncertainty,
+    condition_number,
+)
 from rpms_ros.identification.estimation.window_fit import LEAST_ENERGY
-from rpms_ros.identification.model.estimate import DEFAULT_RATE, Estimate, recruiting_range
+from rpms_ros.identification.model.estimate import DEFAULT_RATE, Estimate
 from rpms_ros.identification.model.levenberg_marquardt import Ending
-from rpms_ros.identification.model.recruitment import PARAMETERS
+from rpms_ros.identification.model.recruitment import PARAMETERS, recruitment
 from rpms_ros.identification.quality.doubts import FACTORISATION_FAILED, PlausibilityCheck
-from rpms_ros.identification.recursion.fit import accept, empty_fit, uncertainty
 from rpms_ros.identification.recursion.people_kernel import (
     KNOTS,
+    Fit,
     StepProblem,
     add_block,
     begin_block,
+    empty_fit,
     empty_memory,
     evaluate,
     excited,
@@ -56,8 +65,9 @@ from rpms_ros.identification.recursion.people_kernel import (
     residual_sum,
     scale_memory,
     take,
+    weak_ridge,
 )
-from rpms_ros.muscle.recruitment import RecruitmentParameters, identified_recruitment
+from rpms_ros.muscle.recruitment import RecruitmentParameters
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray
 
 PEOPLE = ProjectionSettings(start=RecruitmentParameters(0.50, 0.90, 6.0, 5.5))
@@ -213,6 +223,7 @@ class ResidualSpread:
         return ResidualSums(mean, float(self._weight[0]), *self._kept.tolist())
 
 
+_ROUNDING = 1e-12
 # Residuals count for the intervals with this share of the time since the last change as time
 # constant: the first ones are errors of parameters that were not known yet.
 _NEWEST = 0.25
@@ -244,8 +255,7 @@ class FixedSizeRecursion:
     def __init__(
         self, settings: ProjectionSettings = PEOPLE, rate_hz: float = DEFAULT_RATE
     ) -> None:
-        if not (math.isfinite(rate_hz) and rate_hz > 0):
-            raise IdentificationError(f'expected a repetition rate above 0 Hz, got {rate_hz}')
+        check_number(IdentificationError, 'repetition rate', rate_hz, 0, above=True, unit='Hz')
         self.settings = settings
         self.rate_hz = rate_hz
         basis = settings.basis
@@ -254,21 +264,17 @@ class FixedSizeRecursion:
         self._memory = empty_memory(KNOTS, basis.functions)
         self._prediction = fresh_prediction_state(basis.functions)
         start = np.array(settings.start)
-        self._prior = PRIOR
         self._fit = empty_fit(start, basis.functions, 1)
         # scratch: a trial step, and a fit from another start
-        self._workspace = [empty_fit(start, basis.functions, 1) for _ in range(2)]
+        self._trial, self._other = (empty_fit(start, basis.functions, 1) for _ in range(2))
         self._starts = [start[:PARAMETERS] for start in settings.starts()]
         self._steps = 0
         self._test = ChangeTest()
         self._spread = ResidualSpread()
-        self._fresh = True
         self._stepped_ns: int | None = None
         self._delay_line = PulseDelayLine(basis.latency, settings.by_rate, rate_hz)
         self._builder = EstimateBuilder(self.name, basis, rate_hz, settings.confidence)
-        self._pulses = 0
         self._plausibility = PlausibilityCheck()
-        self._intensity_range = (np.inf, -np.inf)
 
     @property
     def memory(self) -> float:
@@ -282,18 +288,13 @@ class FixedSizeRecursion:
 
     def add_pulses(self, onset_ns: IntArray, intensity: FloatArray) -> None:
         """Add pulses (pulses,), ascending, none before one that was already added [ns, 1]."""
-        if not len(onset_ns):
-            return
         self._plausibility.add_pulses(onset_ns, intensity)
         self._delay_line.add(onset_ns, intensity)
-        self._pulses += len(onset_ns)
-        self._intensity_range = recruiting_range(intensity, self._intensity_range)
 
     def forget_pulses(self) -> None:
         """Drop the pulses that still act: the clock has jumped, their lag is unknown."""
         self._delay_line.forget()
         self._memory.blocks.size[0] = 0
-        self._fresh = True
         self._stepped_ns = None
         carried = self._prediction
         carried.error_energy[0] = carried.force_energy[0] = carried.squares[0] = 0.0
@@ -322,30 +323,70 @@ class FixedSizeRecursion:
         """Return the prediction of the next samples (samples,), ascending [N]."""
         line, carried, fit = self._delay_line, self._prediction, self._fit
         pending = line.begin_ns, line.intensity, self._input_gain * line.weight
-        return predict(stamp_ns, pending, self._memory, carried, fit, self._rate, self._fresh)
+        return predict(stamp_ns, pending, self._memory, carried, fit, self._rate)
 
     def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
         """Return the present estimate."""
         fit, carried = self._fit, self._prediction
-        low, high = self._intensity_range
         energy = float(carried.force_energy[0])
         counters = Counters(
             samples=int(carried.learnt[0]),
-            pulses=self._pulses,
-            intensity_span=high - low,
+            pulses=self._plausibility.pulses,
+            intensity_span=self._plausibility.intensity_span,
             output_error=float(np.sqrt(carried.error_energy[0] / energy)) if energy > 0.0 else 0.0,
         )
         if fit.failures[0]:
             faults = {**faults, FACTORISATION_FAILED: int(fit.failures[0])}
-        sums, prior, confidence = self._spread.sums, self._prior, self.settings.confidence
-        found, sure = uncertainty(fit, prior, sums, self.settings.basis.area, confidence)
-        estimate = self._builder.make(stamp_ns, found, sure, prior.deviation, counters, faults)
+        found = *self._found(), PRIOR.deviation
+        estimate = self._builder.make(stamp_ns, *found, counters, faults)
         estimate = replace(self._plausibility.examine(estimate), changes=self._test.changes)
         changed_ns = self._test.changed_ns
         if changed_ns is None:
             return estimate
         ago = np.array([(stamp_ns - changed_ns) / NANOSECONDS_PER_SECOND])
         return replace(estimate, change_kinds=(_KIND,), change_ago=ago)
+
+    def _found(self) -> tuple[Muscle, Uncertainty | None]:
+        """Return the muscle that is known, and its uncertainty, None while there is no sample."""
+        fit, sums = self._fit, self._spread.sums
+        joint = PARAMETERS + len(fit.linear)
+        lower = np.tril(fit.complete)
+        muscle = Muscle(
+            fit.theta.copy(),
+            fit.linear.copy(),
+            fit.levels.copy(),
+            moved=float(fit.moved[0]),
+            damping=float(fit.damping[0]),
+        )
+        if not fit.samples[0] > 0.0:
+            return muscle, None
+        matrix = lower + lower.T - np.diag(np.diag(lower))
+        variance = float(fit.variance[0])
+        theta = np.arange(PARAMETERS)
+        matrix[theta, theta] += variance / PRIOR.deviation**2
+        linear = np.arange(PARAMETERS, len(matrix))
+        matrix[linear, linear] += weak_ridge(fit.energy[0], fit.samples[0], variance)
+        scale = np.sqrt(np.diag(matrix))
+        scaled = matrix / np.outer(scale, scale) + _ROUNDING * np.eye(len(matrix))
+        inverse = np.linalg.inv(scaled) / np.outer(scale, scale)
+        inflation = max(1.0, float(sums.spread.max(initial=0.0)) / variance)
+        inverse = 0.5 * (inverse + inverse.T) * variance
+        inverse[PARAMETERS:] *= np.sqrt(inflation)
+        inverse[:, PARAMETERS:] *= np.sqrt(inflation)
+        # the deviations of theta are inflated at most to those of the prior
+        deviation = np.sqrt(np.maximum(np.diag(inverse)[:PARAMETERS], 0.0))
+        most = np.maximum(PRIOR.deviation / np.maximum(deviation, 1e-300), 1.0)
+        scale = np.ones(joint)
+        scale[:PARAMETERS] = np.minimum(np.sqrt(inflation), most)
+        covariance = inverse[:joint, :joint] * np.outer(scale, scale)
+        area = np.linalg.norm(fit.linear) * np.linalg.norm(self.settings.basis.area)
+        by_basis = MISFIT * float(area) / math.sqrt(len(fit.linear))
+        muscle = replace(
+            muscle,
+            condition=condition_number(lower[PARAMETERS:joint, PARAMETERS:joint]),
+            area_error=math.hypot(by_basis, sums.missing_area(variance)),
+        )
+        return muscle, Uncertainty(covariance, self.settings.confidence)
 
     def _begin_blocks(self, stamp_ns: int) -> int:
         """Begin the block of a sample; return the end of that block [ns]."""
@@ -356,20 +397,18 @@ class FixedSizeRecursion:
             self._begin_block(int(line.begin_ns[pulse]), float(line.intensity[pulse]), weight)
         line.drop(begun)
         longest = LONGEST_BLOCK_NS
-        none = self._fresh or not blocks.size[0]
-        if none or stamp_ns - int(blocks.start_ns[newest(blocks)]) > longest:
+        if not blocks.size[0] or stamp_ns - int(blocks.start_ns[newest(blocks)]) > longest:
             self._begin_block(stamp_ns, 0.0, 0.0)
         end_ns = int(blocks.start_ns[newest(blocks)]) + longest
         return min(end_ns, int(line.begin_ns[0])) if len(line.begin_ns) else end_ns
 
     def _begin_block(self, start_ns: int, intensity: float, weight: float) -> None:
         """End the present block and begin the next one."""
-        memory, fit = self._memory, self._fit
+        memory = self._memory
         if memory.blocks.size[0]:
             self._close_block(start_ns)
-        push = self._input_gain * weight
-        begin_block(memory, start_ns, intensity, push, self._rate, self._fresh)
-        self._fresh = False
+        fit = self._fit
+        begin_block(memory, start_ns, intensity, self._input_gain * weight, self._rate)
         recompute_response(memory.chains, fit.theta, fit.linear, self._prediction.response)
 
     def _close_block(self, end_ns: int) -> None:
@@ -391,7 +430,7 @@ class FixedSizeRecursion:
             kept = math.exp(-seconds / window)
         residual = residual_sum(memory.blocks, self._prediction.response, float(fit.levels[0]))
         weight = float(memory.blocks.weight[here]) / self._input_gain
-        rho = float(identified_recruitment(self.parameters, float(memory.blocks.intensity[here])))
+        rho = recruitment(float(memory.blocks.intensity[here]), fit.theta)
         # the block may have ended without samples: their mean time is half of what they cover
         covered = 2.0 * float(memory.blocks.moments[here, TIME]) / samples
         self._spread.take(start_ns, covered, residual, samples, weight * rho, kept)
@@ -409,31 +448,40 @@ class FixedSizeRecursion:
 
     def _learn(self) -> None:
         """Take a step from the memory; a failure is counted."""
-        memory, prior, fit = self._memory, self._prior, self._fit
+        memory, fit = self._memory, self._fit
         if fit.variance[0] == 0.0:
             power = float(memory.energy[0] / memory.samples[0])
             fit.variance[0] = _FIRST_VARIANCE * power + LEAST_ENERGY
-        if not evaluate(memory, prior, fit):
+        if not evaluate(memory, PRIOR, fit):
             fit.failures[0] += 1.0
             return
-        refresh_variance(memory, prior, fit)
+        refresh_variance(memory, PRIOR, fit)
         self._steps += 1
         if self._steps % _CHALLENGE_STEPS == 0:
             self._challenge(self._starts[self._steps // _CHALLENGE_STEPS % len(self._starts)])
-        improve(StepProblem(memory, prior), fit, self._workspace[0], _ONE_STEP, True)
+        self._fit = self._improved(self._fit, _ONE_STEP)
         # The covariance of weighted samples depends on the sum of the squared weights.
-        fit.complete[:] = fit.matrix * (memory.samples[0] / memory.squared_samples[0])
+        weight = memory.samples[0] / memory.squared_samples[0]
+        self._fit.complete[:] = self._fit.matrix * weight
+
+    def _improved(self, fit: Fit, ending: Ending) -> Fit:
+        """Return a fit after some steps; the other of it and the trial is scratch."""
+        problem = StepProblem(self._memory, PRIOR)
+        if improve(problem, fit, self._trial, ending, True):
+            fit, self._trial = self._trial, fit
+        return fit
 
     def _challenge(self, start: FloatArray) -> None:
         """Try another start; continue from there if it fits the memory better."""
-        fit, (trial, other) = self._fit, self._workspace
+        fit, other = self._fit, self._other
         other.theta[:] = start
         other.linear[:] = fit.linear
         other.variance[0] = fit.variance[0]
         other.damping[0] = _START_DAMPING
-        if not evaluate(self._memory, self._prior, other):
+        if not evaluate(self._memory, PRIOR, other):
             return
-        improve(StepProblem(self._memory, self._prior), other, trial, _CHALLENGER_STEPS, True)
+        other = self._improved(other, _CHALLENGER_STEPS)
         if other.cost[0] < fit.cost[0] - _CHALLENGER_GAIN * fit.variance[0]:
-            accept(fit, other)
-            fit.damping[0] = other.damping[0]
+            other.moved[0], other.failures[0] = fit.moved[0], fit.failures[0]
+            self._fit, other = other, fit
+        self._other = other

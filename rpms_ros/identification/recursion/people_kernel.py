@@ -28,7 +28,8 @@ bad, and a step that raises the cost is not taken.  A weak prior with the varian
 residuals as weight keeps H positive.
 """
 
-from typing import NamedTuple
+import math
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -59,14 +60,6 @@ from rpms_ros.identification.model.levenberg_marquardt import (
     solve_positive,
 )
 from rpms_ros.identification.model.recruitment import PARAMETERS
-from rpms_ros.identification.recursion.fit import (
-    Fit,
-    accept,
-    coordinate,
-    move_theta,
-    room,
-    weak_ridge,
-)
 from rpms_ros.muscle.recruitment import arctan_recruitment_with_gradient
 from rpms_ros.pulses import BoolArray, FloatArray, IntArray
 
@@ -91,8 +84,6 @@ class Memory(NamedTuple):
         Sums of x y.
     energy, samples, squared_samples : ndarray (1,)
         Sums of y^2, of 1, and of 1 with the squared weight.
-    product : ndarray (knots, functions, functions)
-        Overwritten.
     """
 
     chains: FloatArray
@@ -102,7 +93,6 @@ class Memory(NamedTuple):
     energy: FloatArray
     samples: FloatArray
     squared_samples: FloatArray
-    product: FloatArray
 
 
 def empty_memory(knots: int, functions: int) -> Memory:
@@ -116,7 +106,6 @@ def empty_memory(knots: int, functions: int) -> Memory:
         energy=np.zeros(1),
         samples=np.zeros(1),
         squared_samples=np.zeros(1),
-        product=np.zeros((knots, functions, functions)),
     )
 
 
@@ -157,15 +146,14 @@ def let_baseline_drift(memory: Memory, variance: float) -> None:
 
 
 @numba.njit(cache=True)
-def _add_chain(memory: Memory, here: int, knot: int) -> None:
+def _add_chain(memory: Memory, here: int, knot: int, product: FloatArray) -> None:
     """Add the products of one chain with force and baseline; write its product with the sums."""
-    blocks, state, product = memory.blocks, memory.chains[knot], memory.product[knot]
+    blocks, state = memory.blocks, memory.chains[knot]
     sums, response = blocks.gram[here], blocks.response[here]
     functions = len(state)
     last = len(memory.cross) - 1
     for row in range(functions):
         at = knot * functions + row
-        product[row] = 0.0
         for shift in range(row + 1):
             value = state[row - shift]
             memory.cross[at] += value * response[shift, RESPONSE_FORCE]
@@ -175,9 +163,9 @@ def _add_chain(memory: Memory, here: int, knot: int) -> None:
 
 
 @numba.njit(cache=True)
-def _add_pair(memory: Memory, knot: int, other: int) -> None:
-    """Add the products of two chains."""
-    product, state = memory.product[knot], memory.chains[other]
+def _add_pair(memory: Memory, knot: int, other: int, product: FloatArray) -> None:
+    """Add the products of two chains, of which the first has been multiplied by the sums."""
+    state = memory.chains[other]
     functions = len(state)
     for row in range(functions):
         for column in range(functions):
@@ -193,9 +181,10 @@ def add_block(memory: Memory, here: int) -> None:
     moments = memory.blocks.moments[here]
     last = len(memory.cross) - 1
     for knot in range(len(memory.chains)):
-        _add_chain(memory, here, knot)
+        product = np.zeros(memory.blocks.gram[here].shape)
+        _add_chain(memory, here, knot, product)
         for other in range(knot + 1):
-            _add_pair(memory, knot, other)
+            _add_pair(memory, knot, other, product)
     memory.cross[last] += moments[FORCE]
     memory.gram[last, last] += moments[COUNT]
     memory.energy[0] += moments[FORCE_SQUARED]
@@ -235,6 +224,110 @@ def recruitment_at_knots(theta: FloatArray, values: FloatArray) -> None:
             values[1 + place, knot] = scale * (slope[place] - origin[place])
 
 
+class Fit(NamedTuple):
+    """Parameters of a fit, and its equations at these parameters.
+
+    Attributes
+    ----------
+    theta : ndarray (4,)
+        u_thr, u_sat, alpha_sat, alpha_thr.
+    linear : ndarray (functions,)
+        w.
+    levels : ndarray (knots,)
+        b [N].
+    matrix, right : ndarray (unknowns, unknowns), (unknowns,)
+        Sums from the blocks, lower triangle.
+    complete : ndarray (unknowns, unknowns)
+        The newest matrix with the rows of theta.
+    cost, squares : ndarray (1,)
+        Cost including the prior, and sum of squared residuals alone [N^2].
+    samples, energy : ndarray (1,)
+        Number of samples in the blocks, and sum of the squared force [N^2].
+    variance : ndarray (1,)
+        Variance of the residuals, the weight of the prior [N^2].
+    damping, moved : ndarray (1,)
+        Of the next step, and largest change of the last one.
+    failures : ndarray (1,)
+        How many matrices could not be factorised.
+    """
+
+    theta: FloatArray
+    linear: FloatArray
+    levels: FloatArray
+    matrix: FloatArray
+    right: FloatArray
+    complete: FloatArray
+    cost: FloatArray
+    squares: FloatArray
+    samples: FloatArray
+    energy: FloatArray
+    variance: FloatArray
+    damping: FloatArray
+    moved: FloatArray
+    failures: FloatArray
+
+
+def empty_fit(theta: FloatArray, functions: int, knots: int) -> Fit:
+    """Return a fit without data."""
+    unknowns = PARAMETERS + functions + knots
+    single = ['cost', 'squares', 'samples', 'energy', 'variance', 'moved', 'failures']
+    return Fit(
+        theta=theta.copy(),
+        linear=np.zeros(functions),
+        levels=np.zeros(knots),
+        matrix=np.zeros((unknowns, unknowns)),
+        right=np.zeros(unknowns),
+        complete=np.zeros((unknowns, unknowns)),
+        damping=np.full(1, 1e-3),
+        **{name: np.zeros(1) for name in single},
+    )
+
+
+@numba.njit(cache=True)
+def coordinate(theta: FloatArray, place: int) -> float:
+    """Return a parameter in the coordinate of the steps: alpha as its logarithm."""
+    if place >= 2:
+        return math.log(theta[place])
+    value: float = theta[place]
+    return value
+
+
+@numba.njit(cache=True)
+def weak_ridge(energy: float, samples: float, variance: float) -> float:
+    """Return a ridge that keeps w and b solvable, too weak to change estimates noticeably."""
+    power = energy / max(samples, 1.0) + LEAST_ENERGY
+    # The variance exceeds the power only if it is from before a gap.
+    value: float = 1e-2 * variance / max(power, variance)
+    return value
+
+
+@register_jitable
+def _room(problem: Any, fit: Fit, low: FloatArray, high: FloatArray) -> None:
+    """Write the least and greatest steps of the coordinates (4,) within `problem.prior`."""
+    for place in range(PARAMETERS):
+        here = coordinate(fit.theta, place)
+        low[place] = coordinate(problem.prior.lower, place) - here
+        high[place] = coordinate(problem.prior.upper, place) - here
+
+
+@numba.njit(cache=True)
+def move_theta(theta: FloatArray, prior: Prior, step: FloatArray, moved: FloatArray) -> None:
+    """Write theta (4,) after a step (4,); u_thr and u_sat keep their least distance.
+
+    `step` becomes what was gone.
+    """
+    for place in range(PARAMETERS):
+        value = coordinate(theta, place) + step[place]
+        value = math.exp(value) if place >= 2 else value
+        moved[place] = min(max(value, prior.lower[place]), prior.upper[place])
+    lacking = prior.separation - (moved[1] - moved[0])
+    if lacking > 0.0:
+        moved[0] = max(moved[0] - 0.5 * lacking, prior.lower[0])
+        moved[1] = moved[0] + prior.separation
+    for place in range(PARAMETERS):
+        step[place] = coordinate(moved, place) - coordinate(theta, place)
+
+
 class PredictionState(NamedTuple):
     """State of the a-priori prediction between samples.
 
@@ -242,8 +335,6 @@ class PredictionState(NamedTuple):
     ----------
     response : ndarray (functions,)
         The force of the block at tau is ``response^T e(tau)``, without the baseline.
-    values : ndarray (functions,)
-        Overwritten.
     error_energy, force_energy : ndarray (1,)
         Sums of squares of the a-priori error and of the force, decaying [N^2].
     squares : ndarray (1,)
@@ -255,7 +346,6 @@ class PredictionState(NamedTuple):
     """
 
     response: FloatArray
-    values: FloatArray
     error_energy: FloatArray
     force_energy: FloatArray
     squares: FloatArray
@@ -268,7 +358,6 @@ def fresh_prediction_state(functions: int) -> PredictionState:
     single = ['error_energy', 'force_energy', 'squares', 'learnt']
     return PredictionState(
         response=np.zeros(functions),
-        values=np.zeros(functions),
         previous_ns=np.zeros(1, dtype=np.int64),
         **{name: np.zeros(1) for name in single},
     )
@@ -289,24 +378,26 @@ def recompute_response(
 
 
 @numba.njit(cache=True)
-def begin_block(
-    memory: Memory, start_ns: int, intensity: float, push: float, rate: float, fresh: bool
-) -> None:
+def begin_block(memory: Memory, start_ns: int, intensity: float, push: float, rate: float) -> None:
     """Begin a block with a pulse, which adds `push` times its recruitment to the states.
 
-    `rate` is 2 p [1/s]; a fresh block begins with zero states.
+    `rate` is 2 p [1/s]; the first block begins with zero states.
     """
     blocks, chains = memory.blocks, memory.chains
-    here = open_block(blocks, start_ns, intensity, push, rate, fresh)
-    if fresh:
+    if not blocks.size[0]:
         chains[:] = 0.0
+    here = open_block(blocks, start_ns, intensity, push, rate, False)
+    _advance(chains, blocks.transition[here], intensity, push)
+
+
+@numba.njit(cache=True)
+def _advance(chains: FloatArray, transition: FloatArray, intensity: float, push: float) -> None:
+    """Advance the states (knots, functions) to a pulse, and add it."""
     values = np.empty(len(chains))
     interpolate(intensity, values)
     for knot in range(len(chains)):
-        advance_state(blocks.transition[here], chains[knot])
-        share = push * values[knot]
-        if share != 0.0:
-            chains[knot] += share
+        advance_state(transition, chains[knot])
+        chains[knot] += push * values[knot]
 
 
 @numba.njit(cache=True)
@@ -332,30 +423,30 @@ def take(
 ) -> FloatArray:
     """Add samples (samples,) to the block; return the a-priori prediction of each."""
     here = newest(blocks)
-    prediction = np.empty(len(stamp_ns))
+    prediction, values = np.empty(len(stamp_ns)), np.empty(len(carried.response))
+    energies = carried.error_energy, carried.force_energy, carried.previous_ns
     for index in range(len(stamp_ns)):
         stamp = stamp_ns[index]
         tau = 1e-9 * (stamp - blocks.start_ns[here])
-        transition_generator(rate * tau, carried.values)
-        predicted = level
-        for function in range(len(carried.values)):
-            predicted += carried.response[function] * carried.values[function]
-        prediction[index] = predicted
+        prediction[index] = _force_at(rate * tau, level, carried.response, values)
         if not usable[index]:
             continue
-        error = force[index] - predicted
-        count_energy(
-            carried.error_energy,
-            carried.force_energy,
-            carried.previous_ns,
-            stamp,
-            error,
-            force[index],
-        )
+        error = force[index] - prediction[index]
+        count_energy(*energies, stamp, error, force[index])
         carried.squares[0] += error * error
         carried.learnt[0] += 1.0
-        add_sample(blocks, here, tau, force[index], carried.values)
+        add_sample(blocks, here, tau, force[index], values)
     return prediction
+
+
+@numba.njit(cache=True)
+def _force_at(distance: float, level: float, response: FloatArray, values: FloatArray) -> float:
+    """Return the force of a block 2 p tau after its beginning; write e there (functions,)."""
+    transition_generator(distance, values)
+    total = level
+    for function in range(len(values)):
+        total += response[function] * values[function]
+    return total
 
 
 @numba.njit(cache=True)
@@ -366,7 +457,6 @@ def predict(
     carried: PredictionState,
     fit: Fit,
     rate: float,
-    fresh: bool,
 ) -> FloatArray:
     """Return the predictions that `take` would make of ascending samples (samples,) [N].
 
@@ -374,32 +464,25 @@ def predict(
     """
     begin_ns, intensity, push = pending
     blocks, expected = memory.blocks, np.empty(len(stamp_ns))
-    known = blocks.size[0] > 0 and not fresh
+    known = blocks.size[0] > 0
     start = blocks.start_ns[newest(blocks)] if known else stamp_ns[0]
     states, present = memory.chains.copy(), carried.response.copy()
     if not known:
         states[:] = 0.0
         present[:] = 0.0
-    values, shares = np.empty(len(present)), np.empty(len(states))
-    begun = 0
+    values, begun = np.empty(len(present)), 0
     for index in range(len(stamp_ns)):
         stamp = stamp_ns[index]
         before = begun
         while begun < len(begin_ns) and begin_ns[begun] < stamp:
             transition_generator(rate * 1e-9 * max(begin_ns[begun] - start, 0), values)
-            interpolate(intensity[begun], shares)
-            for knot in range(len(states)):
-                advance_state(values, states[knot])
-                states[knot] += push[begun] * shares[knot]
+            _advance(states, values, intensity[begun], push[begun])
             start = begin_ns[begun]
             begun += 1
         if begun > before:
             recompute_response(states, fit.theta, fit.linear, present)
-        transition_generator(rate * 1e-9 * (stamp - start), values)
-        total = fit.levels[0]
-        for function in range(len(values)):
-            total += present[function] * values[function]
-        expected[index] = total
+        since = rate * 1e-9 * (stamp - start)
+        expected[index] = _force_at(since, fit.levels[0], present, values)
     return expected
 
 
@@ -448,14 +531,21 @@ def equations(memory: Memory, fit: Fit) -> None:
 
 
 @numba.njit(cache=True)
+def _with_ridge(memory: Memory, fit: Fit) -> tuple[FloatArray, float]:
+    """Return the matrix of [w, b] with a weak ridge, and the ridge."""
+    matrix = fit.matrix[PARAMETERS:, PARAMETERS:].copy()
+    ridge = weak_ridge(memory.energy[0], memory.samples[0], fit.variance[0])
+    for row in range(len(matrix)):
+        matrix[row, row] += ridge
+    return matrix, ridge
+
+
+@numba.njit(cache=True)
 def solve_linear(memory: Memory, prior: Prior, fit: Fit) -> bool:
     """Solve for w and b at theta, then the cost; return whether the matrix was positive."""
     functions = len(fit.linear)
-    matrix = fit.matrix[PARAMETERS:, PARAMETERS:].copy()
+    matrix, ridge = _with_ridge(memory, fit)
     linear = fit.right[PARAMETERS:].copy()
-    ridge = weak_ridge(memory.energy[0], memory.samples[0], fit.variance[0])
-    for row in range(len(linear)):
-        matrix[row, row] += ridge
     if not solve_positive(matrix, linear):
         return False
     fit.linear[:] = linear[:functions]
@@ -518,10 +608,7 @@ def _linearise(
     """
     matrix, prior, memory = fit.matrix, problem.prior, problem.memory
     linear = np.concatenate((fit.linear, fit.levels))
-    factor = matrix[PARAMETERS:, PARAMETERS:].copy()
-    ridge = weak_ridge(memory.energy[0], memory.samples[0], fit.variance[0])
-    for row in range(len(linear)):
-        factor[row, row] += ridge
+    factor, _ = _with_ridge(memory, fit)
     if not factorise_positive(factor):
         return False
     for place in range(PARAMETERS):
@@ -547,4 +634,4 @@ def _move(problem: StepProblem, fit: Fit, step: FloatArray, trial: Fit) -> None:
         trial.cost[0] = np.inf
 
 
-improve = minimiser(_linearise, room, _move, accept)
+improve = minimiser(_linearise, _room, _move)

@@ -433,8 +433,6 @@ class Alternation(Monitor):
         sizes = window.edges[3:] - window.edges[:-3]
         limit = np.where(sizes >= _MANY_SAMPLES, _LIMIT, _LIMIT_OF_FEW)
         alternates = alternation(window.force, window.edges) < limit
-        if not alternates.any():
-            return {}
         return {faults.FORCE_ALTERNATING: np.repeat(alternates, np.diff(window.edges[1:-1]))}
 
 

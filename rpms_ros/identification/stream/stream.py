@@ -8,9 +8,9 @@ arrival alone, so a replay of a recording gives the same estimates as on line, t
 it is cut into blocks.
 """
 
-from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -19,28 +19,22 @@ from rpms_ros.identification.model.estimate import Estimate, Estimator, Predicti
 from rpms_ros.identification.quality import doubts as faults
 from rpms_ros.identification.quality.doubts import (
     RESPONSE_MISFIT,
+    Alignment,
     Doubts,
     FaultCounter,
     ResponseMisfit,
 )
-from rpms_ros.identification.stream.monitors import Monitor, Pipeline
-from rpms_ros.identification.stream.pulse_queue import (
+from rpms_ros.identification.stream.arrivals import (
     FAR_NS,
+    GAP_NS,
     LONG_AGO,
-    Alignment,
+    ForceIntake,
     PulseQueue,
     StrayPulses,
 )
+from rpms_ros.identification.stream.monitors import Monitor, ProcessedSamples, Window
 from rpms_ros.identification.stream.sensor_checks import MONITORS, monitors_by_name
-from rpms_ros.pulses import (
-    NANOSECONDS_PER_SECOND,
-    BoolArray,
-    FloatArray,
-    ForceTrace,
-    IntArray,
-    PulseTrain,
-    nanoseconds,
-)
+from rpms_ros.pulses import BoolArray, FloatArray, ForceTrace, IntArray, PulseTrain, nanoseconds
 
 LARGEST_FORCE = 10_000.0
 """No muscle and no sensor for people reaches it [N]."""
@@ -87,159 +81,198 @@ class StreamSettings:
             check_number(refused, name, getattr(self, name), 0, above=True, unit=unit)
 
 
-# Longest pause of the force that does not count as a gap [ns].
-GAP_NS = NANOSECONDS_PER_SECOND
-# Most samples that may wait: a block of the batch at 100 kHz, and the delays before and after it.
-MOST_WAITING = 600_000
-# So many samples out of order within this time are treated as a fault that lasts [1], [ns].
-_DISORDER = 3
-_DISORDER_NS = NANOSECONDS_PER_SECOND
+CELL_NS = 100_000_000
+# With a shorter delay there are no samples around one before it is used.
+LEAST_DELAY_NS = 20_000_000
+# Cells of a block on line; and of a recording: for the first 20 s, in which outliers are to be
+# found as soon as the force is predicted, and then.
+_ONE_BY_ONE, _TOGETHER = (1, 1), (10, 50)
+_SHORT_FOR_NS = 20_000_000_000
+Answer = TypeVar('Answer')
+# The columns of `ProcessedSamples`: of samples, and of pulses.
+_Samples = tuple[IntArray, FloatArray, FloatArray, BoolArray]
+_Pulses = tuple[IntArray, FloatArray]
 
 
-class ForceIntake:
-    """Takes samples in the order of arrival and keeps them, with rising stamps, until processed.
-
-    Samples that are not finite, larger than a limit, repeated or stamped wrongly are dropped and
-    counted; a stamp far from its predecessor is accepted when a second one follows it.
+class Pipeline:
+    """Monitors of one stream.
 
     Parameters
     ----------
-    stream : IdentificationStream
-        Receives faults and gaps.
-    memory_ns : int
-        How long learning is suspended after samples out of order [ns].
+    monitors : sequence of Monitor
+        Called in this order.
+    delay_ns : int
+        Least time for which samples wait before they are used [ns]; a cell is at most half as
+        long, so that the samples of another cell after it are known.
+    look_ahead_ns : int
+        Up to this time after a sample the pulses are known [ns]; cells are not longer if samples
+        are predicted.
+    counter : FaultCounter
+        Where faults are counted.
+    on_line : bool
+        Whether cells are examined one by one.
     """
 
-    def __init__(self, stream: 'IdentificationStream', memory_ns: int) -> None:
-        self._line = stream
-        self._memory_ns = memory_ns
-        self._largest_force = stream.settings.largest_force
-        self._waiting: list[tuple[IntArray, FloatArray]] = []
-        self._count = 0
-        self.newest_ns: int | None = None
-        self._newest_force = 0.0
-        # a sample that waits for another one to confirm its stamp
-        self.alone: tuple[int, float] | None = None
-        self._out_of_order: deque[int] = deque(maxlen=_DISORDER)
+    def __init__(
+        self,
+        monitors: Sequence[Monitor],
+        delay_ns: int,
+        look_ahead_ns: int,
+        counter: FaultCounter,
+        on_line: bool = True,
+    ) -> None:
+        self._monitors = list(monitors)
+        self._counter = counter
+        self._examines = delay_ns >= LEAST_DELAY_NS
+        self.cell_ns = min(delay_ns // 2, CELL_NS) if self._examines else CELL_NS
+        self._predicts = self._examines and look_ahead_ns >= LEAST_DELAY_NS // 2
+        if self._predicts:
+            self.cell_ns = min(self.cell_ns, look_ahead_ns)
+        self._cells = _ONE_BY_ONE if on_line else _TOGETHER
+        self._look_ahead_ns = look_ahead_ns
+        self._long_from_ns = 0
+        self._block: int | None = None
+        self._found: dict[str, BoolArray] = {}
+        self._before = np.empty(0, dtype=np.int64), np.empty(0)
+        self._samples: list[_Samples] = []
+        self._pulses: list[_Pulses] = []
 
-    def add(self, forces: ForceTrace) -> None:
-        """Add force samples; bad ones are dropped and counted."""
-        if not len(forces):
-            return
-        finite = np.isfinite(forces.force)
-        bad = ~self.believes(forces.force)
-        start = 0
-        for place in (*np.flatnonzero(bad).tolist(), len(bad)):
-            if place > start:
-                self._take(forces.stamp_ns[start:place], forces.force[start:place])
-            if place < len(bad):
-                name = faults.FORCE_OUT_OF_BOUNDS if finite[place] else faults.FORCE_NOT_FINITE
-                self._line.postpone(name)
-            start = place + 1
+    def begin(self, stamp_ns: int) -> None:
+        """Take the stamp of the first sample of a time line [ns]."""
+        self._long_from_ns = stamp_ns + _SHORT_FOR_NS
 
-    def believes(self, force: FloatArray) -> BoolArray:
-        """Return which values (samples,) can be forces."""
-        with np.errstate(invalid='ignore'):
-            believed: BoolArray = np.abs(force) <= self._largest_force
-        return believed
+    def blocks_of(self, stamp_ns: IntArray) -> IntArray:
+        """Return where the blocks of cells begin to which stamps (samples,) belong [ns]."""
+        short_ns, long_ns = (cells * self.cell_ns for cells in self._cells)
+        begin_ns = stamp_ns // long_ns * long_ns
+        return np.where(begin_ns >= self._long_from_ns, begin_ns, stamp_ns // short_ns * short_ns)
 
-    @property
-    def first_ns(self) -> int | None:
-        """Stamp of the first sample that waits [ns]."""
-        return int(self._waiting[0][0][0]) if self._waiting else None
+    def block_of(self, stamp_ns: int) -> int:
+        """Return where the block of cells begins to which a stamp belongs [ns]."""
+        return int(self.blocks_of(np.array([stamp_ns]))[0])
 
-    def take(self, until_ns: int) -> tuple[IntArray, FloatArray, int]:
-        """Return all waiting samples (samples,), and how many have stamps up to `until_ns` [ns].
+    def examine(
+        self,
+        stamp_ns: IntArray,
+        force: FloatArray,
+        first: int,
+        last: int,
+        predicted: Callable[[IntArray], FloatArray | None],
+    ) -> dict[str, BoolArray]:
+        """Return which of the samples first .. last - 1 of one block of cells have each fault.
 
-        The latter are removed; some have to wait.
+        `stamp_ns` and `force` (samples,) are all waiting samples, ascending; those before `first`
+        have been examined.  `predicted` returns the prediction of the samples of a block.
         """
-        stamps = np.concatenate([stamps for stamps, _ in self._waiting])
-        values = np.concatenate([values for _, values in self._waiting])
-        due = int(np.searchsorted(stamps, until_ns, side='right'))
-        self._waiting = [(stamps[due:], values[due:])] if due < len(stamps) else []
-        self._count = len(stamps) - due
-        return stamps, values, due
+        if not self._examines:
+            return {}
+        grid_ns = self._grid_ns(int(stamp_ns[first]))
+        if int(grid_ns[0]) != self._block:
+            self._block = int(grid_ns[0])
+            self._found = self._faults(self._window(stamp_ns, force, first, grid_ns, predicted))
+        before = (
+            np.concatenate((self._before[0], stamp_ns[first:last])),
+            np.concatenate((self._before[1], force[first:last])),
+        )
+        kept = int(np.searchsorted(before[0], grid_ns[-1] - 2 * self.cell_ns))
+        self._before = before[0][kept:], before[1][kept:]
+        here = {name: one[: last - first] for name, one in self._found.items()}
+        self._found = {name: one[last - first :] for name, one in self._found.items()}
+        return here
 
-    def drop_alone(self) -> None:
-        """Drop the sample whose stamp was not confirmed."""
-        if self.alone is not None:
-            self._line.postpone(faults.FORCE_STAMP_ALONE)
-            self.alone = None
+    def add_pulses(self, onset_ns: IntArray, intensity: FloatArray) -> None:
+        """Keep pulses (pulses,) that the estimator got, ascending, for the present block."""
+        self._pulses.append((onset_ns, intensity))
 
-    def _take(self, stamps: IntArray, values: FloatArray) -> None:
-        """Take samples (samples,) of possible values, with stamps of any kind."""
-        steps = np.diff(stamps)
-        irregular = np.flatnonzero((steps <= 0) | (steps > GAP_NS)) + 1
-        ends = np.append(irregular, len(stamps))
-        start = 0
-        while start < len(stamps):
-            if not self._goes_on(int(stamps[start]), float(values[start])):
-                start += 1
-                continue
-            end = int(ends[np.searchsorted(ends, start, side='right')])
-            self._keep(stamps[start:end], values[start:end])
-            start = end
+    def add(self, *samples: *_Samples) -> None:
+        """Keep processed samples until their block is complete; see `ProcessedSamples`."""
+        self._samples.append(samples)
 
-    def _goes_on(self, stamp_ns: int, value: float) -> bool:
-        """Return whether a sample continues the time line."""
-        if self.newest_ns is None:
-            return True
-        step = stamp_ns - self.newest_ns
-        if -GAP_NS <= step <= 0:
-            self._refuse(step, value)
-            return False
-        if abs(step) > GAP_NS and not self._follow_alone(stamp_ns, value):
-            return False
-        self.drop_alone()
-        return True
+    def flush(self) -> tuple[ProcessedSamples, int] | None:
+        """Pass the complete block to the monitors; return it and its number of cells, if any."""
+        if not self._samples:
+            return None
+        samples, pulses = (
+            [np.concatenate(parts) for parts in zip(*kept, strict=True)]
+            for kept in (self._samples, self._pulses)
+        )
+        self._samples, self._pulses = [], []
+        stamps, onset_ns = samples[0], pulses[0]
+        grid_ns = self._grid_ns(int(stamps[0]))
+        edges = np.searchsorted(stamps, grid_ns)
+        edges = np.append(edges[:-1][np.diff(edges) > 0], len(stamps))
+        known_ns = stamps[edges[1:-1] - 1] + self._look_ahead_ns
+        inner = np.searchsorted(onset_ns, known_ns, side='right')
+        pulse_edges = np.concatenate(([0], inner, [len(onset_ns)]))
+        columns = [*samples, *pulses, edges, pulse_edges]
+        whole = ProcessedSamples(*columns)
+        for monitor in list(self._monitors):
+            none: Mapping[str, int] = {}
+            for name, count in self._ask(monitor, monitor.processed_all, whole, none).items():
+                self._counter.add(name, int(count))
+        return whole, len(grid_ns) - 1
 
-    def _keep(self, stamps: IntArray, values: FloatArray) -> None:
-        room = MOST_WAITING - self._count
-        for _ in range(len(stamps) - room):
-            self._line.postpone(faults.FORCE_QUEUE_FULL)
-        if room > 0:
-            self._waiting.append((stamps[:room], values[:room]))
-            self._count += len(stamps[:room])
-        self.newest_ns = int(stamps[-1])
-        self._newest_force = float(values[-1])
+    def estimated(self, estimate: Estimate) -> None:
+        """Pass an estimate to the monitors."""
+        for monitor in list(self._monitors):
+            self._ask(monitor, monitor.estimated, estimate, None)
 
-    def _refuse(self, step: int, value: float) -> None:
-        """Count a sample that is stamped like or before its predecessor."""
-        assert self.newest_ns is not None
-        if step == 0 and value == self._newest_force:
-            self._line.postpone(faults.FORCE_DUPLICATE)
-            return
-        if step == 0:
-            self._line.postpone(faults.FORCE_CONFLICT)
-            self._line.exclude(self.newest_ns - 1, self.newest_ns)
-        else:
-            self._line.postpone(faults.FORCE_STAMP_NOT_AFTER_LAST)
-        self._out_of_order.append(self.newest_ns)
-        first_ns = self._out_of_order[0]
-        if len(self._out_of_order) == _DISORDER and self.newest_ns - first_ns <= _DISORDER_NS:
-            self._line.exclude(first_ns - 1, self.newest_ns + self._memory_ns)
+    def restart(self) -> None:
+        """Forget earlier stamps: the clock has jumped back."""
+        self._block, self._found = None, {}
+        self._before = np.empty(0, dtype=np.int64), np.empty(0)
+        for monitor in self._monitors:
+            monitor.restart()
 
-    def _follow_alone(self, stamp_ns: int, value: float) -> bool:
-        """Accept a stamp far from its predecessor when a second one follows it.
+    def _window(
+        self,
+        stamp_ns: IntArray,
+        force: FloatArray,
+        first: int,
+        grid_ns: IntArray,
+        predicted: Callable[[IntArray], FloatArray | None],
+    ) -> Window:
+        """Return the block that begins with sample `first`, and a cell before and after it."""
+        high = int(np.searchsorted(stamp_ns, grid_ns[-1] + self.cell_ns))
+        low = int(np.searchsorted(self._before[0], grid_ns[0] - self.cell_ns))
+        stamps = np.concatenate((self._before[0][low:], stamp_ns[first:high]))
+        edges = np.concatenate(([0], np.searchsorted(stamps, grid_ns), [len(stamps)]))
+        return Window(
+            stamps,
+            np.concatenate((self._before[1][low:], force[first:high])),
+            edges,
+            np.zeros(edges[-2] - edges[1], dtype=np.bool_),
+            predicted(stamps[edges[1] : edges[-2]]) if self._predicts else None,
+        )
 
-        Otherwise one wrong stamp would count as two jumps of the clock.  Returns whether
-        `stamp_ns` confirms the sample that is waiting alone; if not, it waits in its place.
-        """
-        if self.alone is None or not 0 < stamp_ns - self.alone[0] <= GAP_NS:
-            self.drop_alone()
-            self.alone = (stamp_ns, value)
-            return False
-        (first_ns, first), self.alone = self.alone, None
-        assert self.newest_ns is not None
-        if first_ns < self.newest_ns:
-            self._line.jump_back(first_ns)
-        else:
-            # unknown pulses may have been given during the gap
-            self._line.postpone(faults.FORCE_GAP)
-            self._line.exclude(self.newest_ns, first_ns + self._memory_ns)
-        self._out_of_order.clear()
-        self._keep(np.array([first_ns]), np.array([first]))
-        return True
+    def _grid_ns(self, stamp_ns: int) -> IntArray:
+        """Return where the cells of the block of a stamp begin, and where the last one ends."""
+        begin_ns = self.block_of(stamp_ns)
+        long_ns = self._cells[1] * self.cell_ns
+        long = stamp_ns // long_ns * long_ns >= self._long_from_ns
+        return begin_ns + self.cell_ns * np.arange(self._cells[long] + 1)
+
+    def _faults(self, window: Window) -> dict[str, BoolArray]:
+        """Return which samples of a block have each fault, all monitors together."""
+        faulty: dict[str, BoolArray] = {}
+        for monitor in list(self._monitors):
+            found: Mapping[str, BoolArray] = self._ask(monitor, monitor.examine_all, window, {})
+            for name, concerned in found.items():
+                faulty.setdefault(name, np.zeros_like(window.found))[concerned] = True
+                window.found[concerned] = True
+        return {name: one for name, one in faulty.items() if one.any()}
+
+    def _ask(
+        self, monitor: Monitor, method: Callable[..., Answer], what: object, otherwise: Answer
+    ) -> Answer:
+        """Return the result of a monitor; remove the monitor if it raises."""
+        try:
+            return method(what)
+        # A monitor that fails must not stop the identification.
+        except Exception:  # noqa: BLE001
+            self._monitors.remove(monitor)
+            self._counter.add(faults.MONITOR_FAILED)
+            return otherwise
 
 
 # A spike within this time after a pulse is a stimulation artifact [ns].
@@ -281,8 +314,11 @@ class IdentificationStream:
         self._reorder_delay_ns = nanoseconds(settings.reorder_delay)
         self._pulse_look_ahead_ns = nanoseconds(settings.pulse_look_ahead)
         self._queue = PulseQueue(self._memory_ns, self._pulse_look_ahead_ns, self._counter)
-        self._strays = StrayPulses(2 * self._pulse_look_ahead_ns + self._memory_ns)
-        self._intake = ForceIntake(self, self._memory_ns)
+        overtaking_ns = 2 * self._pulse_look_ahead_ns + self._memory_ns
+        self._strays = StrayPulses(overtaking_ns, self._counter)
+        self._intake = ForceIntake(
+            self._queue, self._reorder_delay_ns, settings.largest_force, self._jump_back
+        )
         # samples after this stamp are predicted and not learnt from [ns]
         self._held_ns: int | None = None
         self._alignment = Alignment(lasting=not estimator.on_line)
@@ -298,7 +334,6 @@ class IdentificationStream:
         self._samples = 0
         self._cells = 0
         self._acting_ns = np.empty(0, dtype=np.int64)
-        self._settled_early = np.empty(0, dtype=np.int64), np.empty(0)
         self._misfit = ResponseMisfit()
 
     @property
@@ -309,7 +344,8 @@ class IdentificationStream:
     @property
     def fault_counts(self) -> dict[str, int]:
         """Counts of faults so far by name, those of waiting samples included."""
-        return self._counter.counts(postponed=True)
+        newest_ns = self._intake.newest_ns
+        return self._counter.counts(LONG_AGO if newest_ns is None else newest_ns)
 
     def add_pulses(self, pulses: PulseTrain) -> None:
         """Add pulses, in any order, valid or not."""
@@ -319,14 +355,15 @@ class IdentificationStream:
             return
         late = pulses.onset_ns <= newest_ns - self._reorder_delay_ns + self._pulse_look_ahead_ns
         apart = late | (pulses.onset_ns > newest_ns + FAR_NS)
-        self._alignment.arrived_apart(pulses.onset_ns[apart], newest_ns)
+        if apart.any():
+            self._alignment.arrived_apart(pulses.onset_ns[apart], newest_ns)
         self._queue.add(pulses[~late], newest_ns)
         # Far too late for this time line; they belong to the next one if the clock has jumped.
         stray = pulses.onset_ns < newest_ns - GAP_NS
         self._strays.add(pulses[stray], newest_ns)
         for onset_ns in pulses.onset_ns[late & ~stray].tolist():
             self._counter.postpone(faults.PULSE_LATE, newest_ns)
-            self.exclude(onset_ns, onset_ns + self._memory_ns)
+            self._intake.exclude(onset_ns, onset_ns + self._memory_ns)
 
     def hold(self) -> None:
         """Predict without learning, from the sample after the newest one on."""
@@ -339,7 +376,7 @@ class IdentificationStream:
         held_ns, newest_ns = self._held_ns, self._intake.newest_ns
         self._held_ns = None
         if held_ns is not None and newest_ns is not None:
-            self.exclude(held_ns, newest_ns + self._memory_ns)
+            self._intake.exclude(held_ns, newest_ns + self._memory_ns)
 
     def add(self, pulses: PulseTrain, forces: ForceTrace, before: IntArray) -> None:
         """Add samples, and pulses in the order in which they came between them.
@@ -391,21 +428,6 @@ class IdentificationStream:
         """Add force samples; bad ones are dropped and counted."""
         self._intake.add(forces)
 
-    def postpone(self, name: str) -> None:
-        """Count a fault when the samples up to the newest one are processed."""
-        self._counter.postpone(name, self._intake.newest_ns)
-
-    def exclude(self, start_ns: int, end_ns: int) -> None:
-        """Do not learn from samples after `start_ns` up to `end_ns` that are not yet due.
-
-        Samples are due `reorder_delay` before the newest one.  Due samples that wait all the same
-        are learnt from, so that the result does not depend on when `advance` is called.
-        """
-        if self._intake.newest_ns is not None:
-            start_ns = max(start_ns, self._intake.newest_ns - self._reorder_delay_ns)
-        if start_ns < end_ns:
-            self._queue.exclude(start_ns, end_ns)
-
     def advance(self) -> list[Estimate]:
         """Process the samples that have waited long enough; return the estimates due."""
         if self._intake.newest_ns is not None:
@@ -428,13 +450,14 @@ class IdentificationStream:
         counts = self._counter.counts()
         estimate = self.estimator.estimate(self._last_ns, counts)
         doubts = (*self._doubts.names(self._samples, counts), *estimate.doubts)
-        if self._misfit.doubted and estimate.curve_known:
+        # one that works off line compares the force with its one fit itself
+        if self.estimator.on_line and self._misfit.doubted and estimate.curve_known:
             doubts = (*doubts, RESPONSE_MISFIT)
         found = self._alignment.found
         reasons = (*estimate.reasons, *found.values())
         return replace(estimate, doubts=(*found, *doubts), reasons=reasons)
 
-    def jump_back(self, stamp_ns: int) -> None:
+    def _jump_back(self, stamp_ns: int) -> None:
         """Start a new time line; waiting samples belong to the old one."""
         newest_ns = self._intake.newest_ns
         assert newest_ns is not None
@@ -452,12 +475,11 @@ class IdentificationStream:
             self._held_ns = stamp_ns - 1
         self._cell = self._block = None
         self._acting_ns = np.empty(0, dtype=np.int64)
-        self._settled_early = np.empty(0, dtype=np.int64), np.empty(0)
 
     def _end_of_line(self) -> None:
         if self._intake.newest_ns is not None:
             self._release(self._intake.newest_ns)
-        self._count_postponed(None)
+        self._counter.count_until(None)
         self._flush()
 
     def _release(self, until_ns: int, complete: bool = False) -> None:
@@ -488,7 +510,7 @@ class IdentificationStream:
         if ends_cell or ends_block:
             # Faults found after the last sample of the old cell count here, however the data are
             # cut into blocks.
-            self._count_postponed(self._last_ns)
+            self._counter.count_until(self._last_ns)
         if ends_block:
             self._flush()
         if ends_cell:
@@ -501,8 +523,12 @@ class IdentificationStream:
         self._pipeline.estimated(estimate)
 
     def _flush(self) -> None:
-        samples, cells = self._pipeline.flush()
-        self._samples += samples
+        block = self._pipeline.flush()
+        if block is None:
+            return
+        done, cells = block
+        self._alignment.add(done.stamp_ns, done.force, done.onset_ns, done.intensity)
+        self._samples += len(done.stamp_ns)
         before, self._cells = self._cells, self._cells + cells
         if self._cells // _NOTE_CELLS > before // _NOTE_CELLS:
             self._doubts.note(self._cells, self._samples, self._counter.counts())
@@ -510,31 +536,31 @@ class IdentificationStream:
         if self._cells // align > before // align:
             self._alignment.judge(self._last_ns)
 
-    def _process(self, stamps: IntArray, values: FloatArray, marks: IntArray) -> None:
-        onset, intensity = self._settle(int(stamps[-1]))
-        usable = ~self._queue.unknown(stamps) & (marks == 0)
+    def _process(
+        self, stamps: IntArray, values: FloatArray, marks: Mapping[str, BoolArray]
+    ) -> None:
+        self._settle(int(stamps[-1]))
+        usable = ~np.logical_or.reduce([self._queue.unknown(stamps), *marks.values()])
         if self._held_ns is not None:
             usable &= stamps <= self._held_ns
         prediction = self.estimator.update(stamps, values, usable)
-        if self.estimator.on_line:
-            self._misfit.add_pulses(onset, intensity)
-            self._misfit.add(stamps, values, prediction, usable)
-        self._count_postponed(int(stamps[-1]))
-        self._count_marks(stamps, marks, onset)
+        self._misfit.add(stamps, values, prediction, usable)
+        self._counter.count_until(int(stamps[-1]))
+        self._count_marks(stamps, marks)
         self._counter.add(faults.SAMPLES_EXCLUDED, int(np.count_nonzero(~usable)))
         self._last_ns = int(stamps[-1])
-        self._alignment.add(stamps, values, onset, intensity)
-        self._pipeline.add(stamps, values, prediction, usable, onset, intensity)
+        self._pipeline.add(stamps, values, prediction, usable)
 
-    def _settle(self, stamp_ns: int) -> tuple[IntArray, FloatArray]:
-        """Pass settled pulses to the estimator; return those since the last sample."""
+    def _settle(self, stamp_ns: int) -> None:
+        """Pass the pulses that are settled with a sample to the estimator."""
         begun_ns = self._pipeline.block_of(stamp_ns)
         onset, intensity = self._queue.settle(
             stamp_ns + self._pulse_look_ahead_ns, begun_ns + self._pulse_look_ahead_ns
         )
         self.estimator.add_pulses(onset, intensity)
-        before, self._settled_early = self._settled_early, (onset[:0], intensity[:0])
-        return np.concatenate((before[0], onset)), np.concatenate((before[1], intensity))
+        self._pipeline.add_pulses(onset, intensity)
+        self._misfit.add_pulses(onset, intensity)
+        self._acting_ns = np.concatenate((self._acting_ns, onset))
 
     def _predicted(self, stamp_ns: IntArray) -> FloatArray | None:
         """Return the prediction of samples (samples,) that the estimator has not seen [N]."""
@@ -542,24 +568,20 @@ class IdentificationStream:
             return None
         # all that is due, and no more: later pulses may still arrive
         due_ns = max(int(stamp_ns[0]), int(stamp_ns[-1]) - self._pulse_look_ahead_ns)
-        self._settled_early = self._settle(due_ns)
+        self._settle(due_ns)
         return self._predictor.predict(stamp_ns)
 
-    def _count_marks(self, stamps: IntArray, marks: IntArray, onset_ns: IntArray) -> None:
+    def _count_marks(self, stamps: IntArray, marks: Mapping[str, BoolArray]) -> None:
         """Count the faults that the monitors found; spikes after a pulse are artifacts."""
-        acting = np.concatenate((self._acting_ns, onset_ns))
+        acting = self._acting_ns
         self._acting_ns = acting[acting > stamps[-1] - _ARTIFACT_NS]
-        for name, concerned in self._pipeline.concerned(marks).items():
+        for name, concerned in marks.items():
             count = int(np.count_nonzero(concerned))
             if name == faults.FORCE_SPIKE and len(acting):
                 artifacts = int(np.count_nonzero(_after(stamps[concerned], acting)))
                 self._counter.add(faults.FORCE_ARTIFACT, artifacts)
                 count -= artifacts
             self._counter.add(name, count)
-
-    def _count_postponed(self, until_ns: int | None) -> None:
-        self._counter.count_until(until_ns)
-        self._counter.add(faults.PULSE_LATE, self._strays.given_up(until_ns))
 
 
 def _after(stamp_ns: IntArray, onset_ns: IntArray) -> BoolArray:

@@ -29,7 +29,7 @@ from rpms_msgs.msg import OperatorHeartbeat
 from rpms_ros import messages
 from rpms_ros.errors import NodeError
 from rpms_ros.nodes.common import qos, topics
-from rpms_ros.nodes.common.qos import second_node, taken_from
+from rpms_ros.nodes.common.hearing import second_node, taken_from
 from rpms_ros.nodes.common.runner import complete_or_gone
 from rpms_ros.nodes.driver.goals import UNIQUE, WATCH
 from rpms_ros.stimulation.driver.authority import Authority, Beat, ProcessLife

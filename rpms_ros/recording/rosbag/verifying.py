@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from rpms_ros.errors import RecordingError, StimulationError
-from rpms_ros.identification.stream.pulse_queue import no_overlap
+from rpms_ros.identification.stream.arrivals import no_overlap
 from rpms_ros.printable import counted, printable
 from rpms_ros.pulses import PulseTrain, hash_of
 from rpms_ros.recording.rosbag.metadata import SUMS_NAME, fits, read_checksums

@@ -21,8 +21,8 @@ from rpms_ros.identification.analysis.twitches import (
     crossing_onset,
     latency_table,
 )
-from rpms_ros.identification.model.physiology import twitch_row
 from rpms_ros.muscle import twitch
+from rpms_ros.muscle.twitch import twitch_row
 
 LAG = np.arange(-0.05, 0.5, 1e-3)
 ORDERS = (2, 3, 4)

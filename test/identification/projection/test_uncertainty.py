@@ -11,10 +11,13 @@ import rpms_ros
 from rpms_ros.identification import estimator_by_name
 from rpms_ros.identification.estimation.batch import BatchEstimator
 from rpms_ros.identification.estimation.settings import ProjectionSettings
-from rpms_ros.identification.estimation.uncertainty import ResidualSums, identifiability
+from rpms_ros.identification.estimation.statement import (
+    PHYSIOLOGY_NAMES,
+    ResidualSums,
+    identifiability,
+)
 from rpms_ros.identification.model.basis import LaguerreBasis
 from rpms_ros.identification.model.estimate import CONVERGED, INFORMED, NOT_INFORMED
-from rpms_ros.identification.model.physiology import PHYSIOLOGY_NAMES
 from rpms_ros.identification.quality.doubts import NO_CONSTANT_MUSCLE, REASON, RESPONSE_MISFIT
 from rpms_ros.muscle import Contraction, Subject, simulation_subject
 

@@ -9,12 +9,12 @@ from rpms_ros.identification import LaguerreBasis
 from rpms_ros.identification.estimation.blocks import newest
 from rpms_ros.identification.estimation.settings import PRIOR
 from rpms_ros.identification.model.recruitment import recruitment_curve
-from rpms_ros.identification.recursion.fit import empty_fit
 from rpms_ros.identification.recursion.people_kernel import (
     KNOTS,
     Memory,
     add_block,
     begin_block,
+    empty_fit,
     empty_memory,
     equations,
     evaluate,
@@ -42,7 +42,7 @@ def filled(generator, blocks=60) -> tuple[Memory, np.ndarray]:
     force = generator.normal(size=len(stamps))
     usable = np.ones(BLOCK, dtype=np.bool_)
     for index in range(blocks):
-        begin_block(memory, onset[index], intensity[index], BASIS.input_gain, RATE, index == 0)
+        begin_block(memory, onset[index], intensity[index], BASIS.input_gain, RATE)
         part = slice(index * BLOCK, (index + 1) * BLOCK)
         take(stamps[part], force[part], usable, memory.blocks, carried, 0.0, RATE)
         add_block(memory, newest(memory.blocks))

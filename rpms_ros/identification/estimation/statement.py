@@ -18,7 +18,7 @@ of ``sum_k a_k^2``. The fit has taken up a part of what is missing, so it is mul
 the curve too.
 
 **Parameters.** u_thr, u_sat and both alpha are those of the arctangents that are nearest to the
-recruitment curve (`model.recruitment`): the paper's parameters where it does not deviate.
+recruitment curve (`nearest_arctangents`): the paper's parameters where it does not deviate.
 
 **Identifiability.**
 
@@ -26,14 +26,26 @@ recruitment curve (`model.recruitment`): the paper's parameters where it does no
   the variance.
 * converged: it is below `SETTLED`, and the last step was smaller than that.
 * informed: neither.
+
+**Twitch.** That of Eq. (2) behind a latency is fitted to the coefficients of the basis:
+``min (w - P m(p))^T (C + e^2 I)^-1 (w - P m(p))`` with P the projection on the basis, C the
+covariance of the coefficients and e the error of the basis, as a share of their norm.  Each
+direction has the weight of its information.  Time constant, latency and order have similar effects
+on the response; a prior as wide as people differ (Tables 1 and 2) keeps them physiological where
+the data do not separate them, and the intervals show it.
+
+For given time constant, latency and order the best peak follows from one linear equation; three
+parameters remain for `rpms_ros.identification.model.levenberg_marquardt`, with a Gaussian prior.
 """
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
+import numba
 import numpy as np
+from numba.extending import register_jitable
 from scipy.special import ndtri
 
 from rpms_ros.identification.model.basis import LaguerreBasis
@@ -45,13 +57,16 @@ from rpms_ros.identification.model.estimate import (
     SMALLEST_INTENSITY_SPAN,
     Estimate,
 )
-from rpms_ros.identification.model.physiology import MISFIT, PHYSIOLOGY_NAMES, TwitchReader
+from rpms_ros.identification.model.levenberg_marquardt import Ending, minimiser
 from rpms_ros.identification.model.recruitment import (
+    DEVIATION,
     PARAMETERS,
-    nearest_arctangents,
+    coordinates,
+    from_coordinates,
     recruitment_curve,
 )
 from rpms_ros.muscle.recruitment import PARAMETER_NAMES
+from rpms_ros.muscle.twitch import BY_LOGARITHM, BY_ONSET, BY_ORDER, TWITCH, twitch_row
 from rpms_ros.pulses import FloatArray, IntArray
 
 
@@ -190,6 +205,300 @@ def identifiability(deviation: FloatArray, prior: FloatArray, moved: float) -> I
     flags[(deviation < SETTLED) & (moved < SETTLED)] = CONVERGED
     flags[~(deviation < LEAST_GAIN * prior)] = NOT_INFORMED
     return flags
+
+
+# Damped steps to the nearest arctangents, on this grid of intensities; the weak prior keeps the
+# parameters that a curve does not show.
+_NEAREST_STEPS, _WEAK = 12, 1e-6
+_GRID: FloatArray = np.linspace(0.02, 1.0, 50)
+
+
+def nearest_arctangents(theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the arctangents that are nearest to a recruitment but for a factor.
+
+    Returns
+    -------
+    parameters : ndarray (4,)
+        u_thr, u_sat, alpha_sat, alpha_thr: those of `theta` where there is no deviation.
+    derivative : ndarray (4, len(theta))
+        By `theta`; alpha as logarithms on both sides.
+    """
+    here = coordinates(theta)
+    if not theta[DEVIATION].any():
+        return theta[:PARAMETERS].copy(), np.eye(PARAMETERS, len(theta))
+    curve, slopes = recruitment_curve(_GRID, theta)
+    found, gain, damping = here[:PARAMETERS].copy(), 1.0, 1e-3
+    weak = _WEAK * np.eye(PARAMETERS + 1)
+
+    def equations(found: FloatArray, gain: float) -> tuple[FloatArray, FloatArray]:
+        shape, gradient = recruitment_curve(_GRID, from_coordinates(found))
+        return np.column_stack((gain * gradient, shape)), curve - gain * shape
+
+    columns, rest = equations(found, gain)
+    for _ in range(_NEAREST_STEPS):
+        square = columns.T @ columns
+        damped = square + damping * np.diag(np.diag(square)) + weak
+        pull = weak[:, :PARAMETERS] @ (here[:PARAMETERS] - found)
+        step = np.linalg.solve(damped, columns.T @ rest + pull)
+        step /= max(1.0, float(np.abs(step).max()) / 0.3)
+        trial = equations(found + step[:PARAMETERS], gain + step[-1])
+        if trial[1] @ trial[1] <= rest @ rest:
+            found, gain = found + step[:PARAMETERS], gain + float(step[-1])
+            columns, rest = trial
+            damping *= 0.1
+        else:
+            damping *= 10.0
+    square = columns.T @ columns + weak
+    derivative = np.linalg.solve(square, columns.T @ slopes).astype(np.float64)
+    return from_coordinates(found), derivative[:PARAMETERS]
+
+
+CONSTANT, LATENCY, ORDER = range(3)
+_STEPS = 30
+_TOLERANCE = 1e-6
+_DAMPING = 1e-2
+# Cost per coefficient, in squared standard deviations, above which a fit is not accepted.
+_CONTRADICTED = 4.0
+# Other starts, in deviations of time constant, latency and order from the centre.
+_OTHER_STARTS = ((-1.0, 0.0, 0.0), (1.0, 0.0, 1.0), (-0.5, 0.0, 1.0), (0.5, 0.0, -1.0))
+
+
+class TwitchPrior(NamedTuple):
+    """Prior of time constant [s], latency [s] and order.
+
+    Attributes
+    ----------
+    centre, deviation : ndarray (3,)
+        Mean and standard deviation.
+    lower, upper : ndarray (3,)
+        Bounds.
+    """
+
+    centre: FloatArray
+    deviation: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+
+
+class Coefficients(NamedTuple):
+    """The coefficients to which a twitch is fitted.
+
+    Attributes
+    ----------
+    lag : ndarray (grid,)
+        Times of the grid [s].
+    projection : ndarray (functions, grid)
+        Maps a force on the grid to whitened coefficients.
+    target : ndarray (functions,)
+        Whitened coefficients of the response.
+    prior : TwitchPrior
+        Prior.
+    """
+
+    lag: FloatArray
+    projection: FloatArray
+    target: FloatArray
+    prior: TwitchPrior
+
+
+class TwitchMatch(NamedTuple):
+    """A twitch; a point of `rpms_ros.identification.model.levenberg_marquardt`.
+
+    Attributes
+    ----------
+    theta : ndarray (3,)
+        Time constant [s], latency [s], order.
+    peak : ndarray (1,)
+        Peak force [N].
+    columns : ndarray (functions, 4)
+        Whitened coefficients of the twitch of peak 1, and their derivatives by theta.
+    cost, energy, damping, moved, failures : ndarray (1,)
+        Squared distance in standard deviations, that of zero force, and those of the loop.
+    """
+
+    theta: FloatArray
+    peak: FloatArray
+    columns: FloatArray
+    cost: FloatArray
+    energy: FloatArray
+    damping: FloatArray
+    moved: FloatArray
+    failures: FloatArray
+
+
+@numba.njit(cache=True)
+def _measure(response: Coefficients, match: TwitchMatch) -> None:
+    """Write columns, peak and cost at theta."""
+    constant, latency, order = match.theta
+    row = np.empty(4)
+    match.columns[:] = 0.0
+    for index in range(len(response.lag)):
+        twitch_row(response.lag[index] - latency, constant, order, row)
+        for function in range(len(response.target)):
+            share = response.projection[function, index]
+            match.columns[function, 0] += share * row[TWITCH]
+            match.columns[function, 1 + CONSTANT] += share * row[BY_LOGARITHM] / constant
+            match.columns[function, 1 + LATENCY] += share * row[BY_ONSET]
+            match.columns[function, 1 + ORDER] += share * row[BY_ORDER]
+    model = match.columns[:, 0]
+    match.peak[0] = (model * response.target).sum() / max((model * model).sum(), 1e-300)
+    residual = response.target - match.peak[0] * model
+    away = (match.theta - response.prior.centre) / response.prior.deviation
+    match.cost[0] = (residual * residual).sum() + (away * away).sum()
+
+
+@register_jitable
+def _linearise(
+    response: Coefficients,
+    match: TwitchMatch,
+    _ready: bool,
+    hessian: FloatArray,
+    gradient: FloatArray,
+) -> bool:
+    """Write the equations of theta, the peak eliminated."""
+    prior, peak = response.prior, match.peak[0]
+    model = match.columns[:, 0]
+    power = (model * model).sum()
+    if not power > 0.0:
+        return False
+    residual = response.target - peak * model
+    for place in range(3):
+        column = peak * match.columns[:, 1 + place]
+        along = (column * model).sum() / power
+        weight = 1.0 / prior.deviation[place] ** 2
+        away = match.theta[place] - prior.centre[place]
+        gradient[place] = (column * residual).sum() - weight * away
+        for other in range(3):
+            free = (column - along * model) * match.columns[:, 1 + other]
+            hessian[place, other] = peak * free.sum()
+        hessian[place, place] += weight
+    return True
+
+
+@register_jitable
+def _room(response: Coefficients, match: TwitchMatch, low: FloatArray, high: FloatArray) -> None:
+    low[:] = response.prior.lower - match.theta
+    high[:] = response.prior.upper - match.theta
+
+
+@register_jitable
+def _move(
+    response: Coefficients, match: TwitchMatch, step: FloatArray, trial: TwitchMatch
+) -> None:
+    trial.theta[:] = match.theta + step
+    _measure(response, trial)
+
+
+_minimise = minimiser(_linearise, _room, _move)
+
+
+def _fit_from(start: FloatArray, response: Coefficients) -> TwitchMatch:
+    """Return the fit that is reached from a start (3,)."""
+    match, trial = (
+        TwitchMatch(
+            theta=np.clip(start, response.prior.lower, response.prior.upper),
+            columns=np.zeros((len(response.target), 4)),
+            energy=np.full(1, response.target @ response.target),
+            damping=np.full(1, _DAMPING),
+            **{name: np.zeros(1) for name in ('peak', 'cost', 'moved', 'failures')},
+        )
+        for _ in range(2)
+    )
+    _measure(response, match)
+    # In squared standard deviations: a cost of 1 need not be reduced.
+    ending = Ending(_STEPS, _TOLERANCE, 1.0)
+    return trial if _minimise(response, match, trial, ending, True) else match
+
+
+def match_twitch(response: Coefficients) -> TwitchMatch:
+    """Return the twitch that fits the coefficients.
+
+    The search begins at the centre of the prior.  If the fit is poor, it may be a local minimum,
+    and other starts are tried.
+    """
+    best = _fit_from(response.prior.centre, response)
+    for shift in _OTHER_STARTS:
+        if best.cost[0] <= _CONTRADICTED * len(response.target):
+            break
+        start = response.prior.centre + np.array(shift) * response.prior.deviation
+        other = _fit_from(start, response)
+        if other.cost[0] < best.cost[0]:
+            best = other
+    return best
+
+
+PHYSIOLOGY_NAMES = ('twitch_time_constant_s', 'latency_s', 'order', 'twitch_peak_n')
+_PEOPLE = TwitchPrior(
+    centre=np.array([38e-3, 9.5e-3, 3.0]),
+    deviation=np.array([15e-3, 8e-3, 0.7]),
+    lower=np.array([8e-3, 0.0, 1.5]),
+    upper=np.array([0.15, 60e-3, 6.0]),
+)
+PRIOR: Mapping[str, tuple[float, float]] = {
+    name: (float(_PEOPLE.centre[place]), float(_PEOPLE.deviation[place]))
+    for place, name in enumerate(PHYSIOLOGY_NAMES[:3])
+}
+"""Mean and standard deviation among people, by name; none for the peak."""
+# Prior with a basis that was chosen by the samples.
+_WIDE_DEVIATION = np.array([60e-3, 20e-3, 1.0])
+# Grid on which twitches are projected [s]; a wide prior asks for a tenth of T_p besides.
+_GRID_STEP = 4e-3
+# Error of the basis, relative to the norm of the coefficients.
+MISFIT = 1e-3
+
+
+class TwitchReader:
+    """Reads the twitch off coefficients of a basis.
+
+    Parameters
+    ----------
+    basis : LaguerreBasis
+        The basis.
+    wide : bool
+        Use a wide prior around the basis instead of that of `PRIOR`.
+    """
+
+    def __init__(self, basis: LaguerreBasis, wide: bool = False) -> None:
+        self._prior, step = _PEOPLE, _GRID_STEP
+        if wide:
+            centre = np.array([basis.time_constant, basis.latency + 1e-3, 3.0])
+            centre = np.clip(centre, _PEOPLE.lower, _PEOPLE.upper)
+            self._prior = _PEOPLE._replace(centre=centre, deviation=_WIDE_DEVIATION)
+            step = min(_GRID_STEP, basis.time_constant / 10.0)
+        self._lag = np.arange(step / 2, basis.duration, step)
+        self._projection = np.asarray(np.linalg.pinv(basis.evaluate(self._lag)), np.float64)
+
+    def read(
+        self, response: FloatArray, covariance: FloatArray, misfit: float = MISFIT
+    ) -> tuple[FloatArray, FloatArray] | None:
+        """Fit the twitch.
+
+        Parameters
+        ----------
+        response, covariance : ndarray (functions,), (functions, functions)
+            Coefficients of the response at full intensity, and their covariance.
+        misfit : float
+            Error of the basis, relative to the norm of the coefficients.
+
+        Returns
+        -------
+        tuple of ndarray (4,), or None
+            Numbers of `PHYSIOLOGY_NAMES` and their standard deviations; None if the response does
+            not differ from zero by two standard deviations.
+        """
+        length = float(np.linalg.norm(response))
+        if not length > 2.0 * float(np.sqrt(max(np.trace(covariance), 0.0))):
+            return None
+        noise = covariance + (misfit * length) ** 2 * np.eye(len(response))
+        whiten = np.linalg.inv(np.linalg.cholesky(noise))
+        projection = whiten @ self._projection
+        match = match_twitch(Coefficients(self._lag, projection, whiten @ response, self._prior))
+        jacobian = np.column_stack((match.peak * match.columns[:, 1:], match.columns[:, 0]))
+        information = jacobian.T @ jacobian
+        information[:3, :3] += np.diag(self._prior.deviation**-2)
+        inverse = np.linalg.inv(information + 1e-12 * np.eye(4))
+        deviations = np.sqrt(np.maximum(np.diag(inverse), 0.0))
+        return np.append(match.theta, match.peak), deviations
 
 
 RESPONSE_STEP = 5e-3
@@ -343,13 +652,13 @@ class EstimateBuilder:
         covariance = to_coefficients @ sure.covariance @ to_coefficients.T
         twitch = self._reader.read(rho[0] * linear, covariance, share)
         if twitch is not None:
-            width = sure.quantile * twitch.deviations
+            values, width = twitch[0], sure.quantile * twitch[1]
             # No muscle answers before its pulse, and none of the others can be negative either.
             fields |= {
                 'physiology_names': PHYSIOLOGY_NAMES,
-                'physiology': twitch.values,
-                'physiology_lower': np.maximum(twitch.values - width, 0.0),
-                'physiology_upper': twitch.values + width,
+                'physiology': values,
+                'physiology_lower': np.maximum(values - width, 0.0),
+                'physiology_upper': values + width,
             }
         return fields
 
