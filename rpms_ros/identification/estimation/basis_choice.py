@@ -155,7 +155,7 @@ class BasisChoice:
         fit = self.explained(best).fit
         length_ns = self.window.now_ns - self.window.first_ns
         least = _EARLY_DECISION if length_ns < _EARLY_NS else _DECISION
-        if fit.scales.disturbance >= LIVELY:
+        if fit.scales.lively >= LIVELY:
             least = _LIVELY_DECISION
         return best if gain > least * min(fit.inflation, self.fit.most_inflation) else basis
 
@@ -275,7 +275,7 @@ class BasisChoice:
             lively = fresh_fit(theta, functions)
             lively.scales = Scales(disturbance=_LIVELY_START)
             trials += [nothing, lively]
-        elif present.scales.disturbance >= LIVELY and not rough:
+        elif present.scales.lively >= LIVELY and not rough:
             trials.append(nothing)
         for one in trials:
             # likelihoods are comparable only if all weight the samples alike

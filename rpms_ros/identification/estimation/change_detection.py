@@ -206,7 +206,7 @@ def _start(before: Snapshot, window: Window, kind: str, force: float) -> StartLe
     levels = before.levels[1] + slope * np.array([reach - 1.0, reach])
     deviation = (
         before.level_deviation
-        + LIVELINESS[before.fit.scales.disturbance] * force * (1.0 + reach)
+        + LIVELINESS[before.fit.scales.lively] * force * (1.0 + reach)
         + 0.5 * abs(slope) * reach
     )
     if kind == BASELINE:
@@ -228,7 +228,7 @@ def explain(
     functions = len(before.point.linear)
     unknowns = NONLINEAR + functions + SLOPES
     point = steady(before.point.theta, before.point.linear)
-    scales = replace(before.fit.scales, disturbance=disturbance, slope=0)
+    scales = replace(before.fit.scales, disturbance=disturbance, increment=0, slope=0)
     fit = replace(
         before.fit,
         point=point,
@@ -246,7 +246,7 @@ def explain(
 
 def quiet(one: Explanation, disturbance: int) -> bool:
     """Return whether samples are explained without a stronger disturbance than before."""
-    return one.fit.misfit < _EXPLAINED and one.fit.scales.disturbance <= disturbance
+    return one.fit.misfit < _EXPLAINED and one.fit.scales.lively <= disturbance
 
 
 def compare_hypotheses(
@@ -262,7 +262,7 @@ def compare_hypotheses(
     While it is `doubted` that the muscle has changed, no change of the muscle is tried if a
     disturbance or the baseline explains the samples.
     """
-    now = before.fit.scales.disturbance
+    now = before.fit.scales.lively
     lively = len(LIVELINESS) - 2
     found: dict[str, Explanation] = {}
     for kind in (NOTHING, BASELINE, *MUSCLE):
@@ -419,7 +419,7 @@ class ChangeWatch:
                 continue
             found = _explanations(problem, before, window, prior, alert)
             if explained < _NEWEST and NOTHING in found:
-                if not quiet(found[NOTHING], before.fit.scales.disturbance):
+                if not quiet(found[NOTHING], before.fit.scales.lively):
                     explained = _NEWEST
                 elif (explained := explained + 1) == _NEWEST:
                     return None

@@ -218,7 +218,7 @@ def _reasons(
             f'a tremor of {tremor.frequency:.1f} Hz with an amplitude of '
             f'{tremor.amplitude:.2g} is taken off'
         )
-    if fit.scales.disturbance > _LIVELY:
+    if fit.scales.lively > _LIVELY:
         found.append('a lively disturbance cannot be told from the muscle everywhere')
     if estimate.curve_known and len(estimate.curve_upper):
         width = float(np.max(estimate.curve_upper - estimate.curve_lower))
@@ -759,7 +759,7 @@ class TrackingEstimator(ProjectionEstimator):
         if not self._choose or self._watch.deliberating or not len(self._acting_ns()):
             return
         fit = self._window
-        misfit = fit.inflation > _ALIKE * fit.colour or fit.scales.disturbance >= LIVELY
+        misfit = fit.inflation > _ALIKE * fit.colour or fit.scales.lively >= LIVELY
         search = self._schedule.due(self._now_ns, misfit)
         if search is None:
             return
@@ -773,7 +773,7 @@ class TrackingEstimator(ProjectionEstimator):
         found = choice.better(search is Search.EVERYWHERE)
         self._basis_spread = choice.spread(found)
         explained = choice.explained(found)
-        quieter = explained.fit.scales.disturbance < LIVELY <= fit.scales.disturbance
+        quieter = explained.fit.scales.lively < LIVELY <= fit.scales.lively
         freed = explained.fit.inflation < _ALIKE * fit.colour < fit.inflation
         if found != self._basis or explained.tremor or quieter or freed:
             self._adopt(explained, found)

@@ -557,21 +557,70 @@ class Reduced(NamedTuple):
     factor: FloatArray
 
 
+class Roughness(NamedTuple):
+    """Prior of the differences of the disturbance.
+
+    Attributes
+    ----------
+    first, second : ndarray (knots,)
+        Information about the increment after each knot, and about the second difference around
+        it [1/N^2]; the first may be zero everywhere.
+    """
+
+    first: FloatArray
+    second: FloatArray
+
+
 @numba.njit(cache=True)
-def _add_stiffness(stiffness: FloatArray, unknowns: int, factor: FloatArray) -> float:
-    """Add the prior of the second differences; return the sum of its logarithms."""
-    ahead, pivot = unknowns + 1, unknowns + 3
+def shares_of_prior(rough: Roughness) -> tuple[FloatArray, float]:
+    """Return how much of what is known of a difference its own prior says, without samples.
+
+    Returns
+    -------
+    shares : ndarray (2, knots)
+        Of increments and of second differences, between 0 and 1.
+    logarithm : float
+        Log-determinant of the information about the increments.
+    """
+    count = len(rough.first) - 1
+    pivot, beside = rough.first[:count].copy(), np.zeros(count)
+    for middle in range(1, count):
+        pivot[middle - 1] += rough.second[middle]
+        pivot[middle] += rough.second[middle]
+        beside[middle - 1] = -rough.second[middle]
     logarithm = 0.0
+    for index in range(count):
+        if index:
+            pivot[index] -= beside[index - 1] ** 2 / pivot[index - 1]
+        logarithm += np.log(pivot[index])
+    shares, newer = np.ones((2, count + 1)), 0.0
+    for index in range(count - 1, -1, -1):
+        ratio = beside[index] / pivot[index]
+        variance = 1.0 / pivot[index] + ratio * ratio * newer
+        spread = variance + newer + 2.0 * ratio * newer
+        shares[0, index] = rough.first[index] * variance
+        shares[1, index + 1] = rough.second[index + 1] * spread
+        newer = variance
+    return shares, logarithm
+
+
+@numba.njit(cache=True)
+def _add_roughness(rough: Roughness, unknowns: int, factor: FloatArray) -> None:
+    """Add the prior of the differences."""
+    ahead, pivot = unknowns + 1, unknowns + 3
+    for knot in range(len(factor) - 1):
+        value = rough.first[knot]
+        factor[knot, pivot] += value
+        factor[knot + 1, pivot] += value
+        factor[knot, ahead] -= value
     for middle in range(1, len(factor) - 1):
-        value = stiffness[middle]
-        logarithm += np.log(value)
+        value = rough.second[middle]
         factor[middle - 1, pivot] += value
         factor[middle, pivot] += 4.0 * value
         factor[middle + 1, pivot] += value
         factor[middle - 1, ahead] -= 2.0 * value
         factor[middle, ahead] -= 2.0 * value
         factor[middle - 1, ahead + 1] += value
-    return logarithm
 
 
 @numba.njit(cache=True)
@@ -592,7 +641,7 @@ def _pass_on(factor: FloatArray, knot: int, unknowns: int) -> None:
 def _eliminate(
     equations: Equations,
     variance: float,
-    stiffness: FloatArray,
+    rough: Roughness,
     level: FloatArray,
     about: FloatArray,
     reduced: Reduced,
@@ -611,10 +660,8 @@ def _eliminate(
         factor[knot, pivot] = scale * equations.band[knot, 0] + level[knot]
         factor[knot, right] += level[knot] * about[knot]
         cost += level[knot] * about[knot] * about[knot]
-    logarithm = _add_stiffness(stiffness, unknowns, factor)
-    # two directions, offset and slope, have the prior of `level` alone
-    for knot in range(min(knots, 2)):
-        logarithm += np.log(level[knot])
+    _add_roughness(rough, unknowns, factor)
+    logarithm = 0.0
     reduced.right[:] = scale * equations.right
     reduced.matrix[:] = scale * equations.matrix
     for knot in range(knots):
@@ -637,13 +684,9 @@ def _eliminate(
 
 
 def eliminated(
-    equations: Equations,
-    variance: float,
-    stiffness: FloatArray,
-    level: FloatArray,
-    about: FloatArray,
+    equations: Equations, variance: float, rough: Roughness, level: FloatArray, about: FloatArray
 ) -> Reduced:
-    """Eliminate the disturbance.
+    """Eliminate the disturbance; the evidence lacks the log-determinant of its prior.
 
     Parameters
     ----------
@@ -651,8 +694,8 @@ def eliminated(
         Of a window.
     variance : float
         Of the residuals, correlation included [N^2].
-    stiffness : ndarray (knots,)
-        Information about the second difference around each knot [1/N^2].
+    rough : Roughness
+        Information about its differences.
     level, about : ndarray (knots,)
         Information about the level of each knot [1/N^2], and its mean [N].
     """
@@ -664,7 +707,7 @@ def eliminated(
         evidence=np.zeros(1),
         factor=np.zeros((knots, unknowns + 4)),
     )
-    _eliminate(equations, variance, stiffness, level, about, reduced)
+    _eliminate(equations, variance, rough, level, about, reduced)
     return reduced
 
 

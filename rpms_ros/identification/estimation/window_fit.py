@@ -31,11 +31,13 @@ from rpms_ros.identification.estimation.window_equations import (
     Origin,
     Point,
     Reduced,
+    Roughness,
     assembled,
     at_ages,
     condensed,
     disturbance_at,
     eliminated,
+    shares_of_prior,
     steady,
     time_scaled,
     unknowns_of,
@@ -101,6 +103,9 @@ def _left(
 # Standard deviation of the disturbance's second difference over an interval, as a share of the
 # force: from a sensor that drifts to a voluntary effort.
 LIVELINESS: FloatArray = 10.0 ** np.arange(-6.0, -0.4, 0.5)
+# Of its increment over an interval, the first practically none: what moves all the time, as heart
+# and breath do, need not wander.
+INCREMENTS: FloatArray = np.concatenate(([1e3], 10.0 ** np.arange(-0.5, -5.1, -0.5)))
 # Change of force and time constant over the distance of two knots (relative), of thresholds over
 # an interval.
 CHANGES: FloatArray = np.concatenate(([1e-5], 10.0 ** np.arange(-4.0, -0.9, 0.5)))
@@ -133,13 +138,13 @@ LEAST_ENERGY = 1e-18
 _SHOWN = 8.0
 # Scales whose evidence is this much smaller do not count [nat].
 _LIKELY = 4.0
-# Degrees of freedom of the Student distribution of the second differences of the disturbance:
-# mostly small, some of them large.
-_FREEDOM = 1.0
+# Degrees of freedom of the Student distributions of increments and second differences of the
+# disturbance: the first are alike but for an effort, the second mostly small and some large.
+_FREEDOM: FloatArray = np.array([[4.0], [1.0]])
 # Variance of unknowns that could not be solved for.
 _UNKNOWN = 1e12
-# Second difference, relative to its deviation, that is assumed where none was estimated yet.
-_UNKNOWN_BEND = 5.0
+# Squares of both, relative to their variances, that are assumed where none were estimated yet.
+_UNKNOWN_RATIO: FloatArray = np.array([[1.0], [25.0]])
 
 
 @dataclass(frozen=True)
@@ -211,14 +216,21 @@ class Window:
 
 @dataclass(frozen=True)
 class Scales:
-    """Indices in the grids `LIVELINESS`, `CHANGES`, `DRIFTS`, `SIZES` and `LENGTHS`."""
+    """Indices in `LIVELINESS`, `INCREMENTS`, `CHANGES`, `DRIFTS`, `SIZES` and `LENGTHS`."""
 
     disturbance: int = 2
+    increment: int = 0
     gain: int = 0
     slowing: int = 0
     slope: int = 0
     size: int = 0
     length: int = 1
+
+    @property
+    def lively(self) -> int:
+        """Place in `LIVELINESS` of second differences, where increments bound them too."""
+        bound = int(np.searchsorted(LIVELINESS, 2.0 * INCREMENTS[self.increment]))
+        return min(self.disturbance, bound)
 
 
 @dataclass
@@ -336,6 +348,12 @@ def fresh_fit(theta: FloatArray, functions: int) -> WindowFit:
     )
 
 
+def _student(precision: FloatArray) -> FloatArray:
+    """Return twice the logarithm of precisions' densities (2, knots), 0 where they are 1."""
+    bound: FloatArray = _FREEDOM * (np.log(precision) - precision + 1.0)
+    return bound
+
+
 class Linearised:
     """A window linearised at a point, with its priors."""
 
@@ -345,9 +363,9 @@ class Linearised:
         point: Point,
         knowledge: Knowledge,
         window: Window,
-        second_differences: FloatArray,
+        differences: FloatArray,
     ) -> None:
-        self.second_differences = second_differences
+        self.differences = differences
         self.start = window.start
         self.intervals = intervals
         self.point = point
@@ -360,26 +378,42 @@ class Linearised:
         ridge = _RIDGE / (self.power + LEAST_ENERGY)
         self.terms: Terms = knowledge.about(point, ridge, window.walk())
 
-    def reduced(self, variance: float, disturbance: int) -> Reduced:
-        """Eliminate the disturbance with the scale `LIVELINESS[disturbance]`.
-
-        Its second differences have a Student distribution, replaced by normal ones with the most
-        likely precision for the last values, which is a lower bound of the evidence.
-        """
+    def reduced(self, variance: float, scales: Scales) -> Reduced:
+        """Eliminate the disturbance with its two scales."""
         force = math.sqrt(self.power) + 1e-9
-        deviation = LIVELINESS[disturbance] * force
-        unknown = np.isnan(self.second_differences)
-        second_differences = np.where(unknown, _UNKNOWN_BEND * deviation, self.second_differences)
-        precision = (_FREEDOM + 1.0) / (_FREEDOM + (second_differences / deviation) ** 2)
-        level = np.full(len(precision), 1.0 / (_LEVEL * force) ** 2)
-        about = np.zeros(len(precision))
+        level = np.full(self.differences.shape[1], 1.0 / (_LEVEL * force) ** 2)
+        about = np.zeros(len(level))
         if self.start is not None:
             level[:2] = 1.0 / self.start.deviation**2
             about[:2] = self.start.levels
-        reduced = eliminated(self.equations, variance, precision / deviation**2, level, about)
-        inner = precision[1:-1]
-        reduced.evidence[0] += 0.5 * _FREEDOM * float(np.sum(np.log(inner) - inner))
+        rough, logarithm = self._roughness(scales, force, level)
+        reduced = eliminated(self.equations, variance, rough, level, about)
+        reduced.evidence[0] += logarithm
         return reduced
+
+    def _roughness(
+        self, scales: Scales, force: float, level: FloatArray
+    ) -> tuple[Roughness, float]:
+        """Return the prior of the differences, and the logarithm that it gives to the evidence.
+
+        Differences have Student distributions, replaced by normal ones with the most likely
+        precision for the last values, which is a lower bound of the evidence.
+        """
+        widths = INCREMENTS[scales.increment], LIVELINESS[scales.disturbance]
+        deviation = force * np.array(widths)[:, None]
+        ratio = np.square(self.differences / deviation)
+        ratio = np.where(np.isnan(ratio), _UNKNOWN_RATIO, ratio)
+        precision = (_FREEDOM + 1.0) / (_FREEDOM + ratio)
+        if scales.increment == 0 or self.start is not None:
+            # offset and slope have the prior of `level` alone
+            rough = Roughness(np.zeros(len(level)), precision[1] / deviation[1] ** 2)
+            logarithm = np.log(rough.second[1:-1]).sum() + np.log(level[:2]).sum()
+            return rough, 0.5 * float(logarithm + _student(precision)[1, 1:-1].sum())
+        shares, _ = shares_of_prior(Roughness(*(precision / deviation**2)))
+        precision = (_FREEDOM + shares) / (_FREEDOM + ratio)
+        rough, bound = Roughness(*(precision / deviation**2)), _student(precision)
+        logarithm = shares_of_prior(rough)[1] + math.log(level[0])
+        return rough, 0.5 * float(logarithm + bound[0, :-1].sum() + bound[1, 1:-1].sum())
 
 
 @dataclass(frozen=True)
@@ -498,17 +532,18 @@ def _best_scales(
     With the solution, and all solutions tried.
     """
     scales = best = replace(scales, disturbance=min(scales.disturbance, window.liveliest))
-    reduced = at.reduced(variance, scales.disturbance)
-    solution = _solution(at, reduced, scales)
+    solution = _solution(at, at.reduced(variance, scales), scales)
     tried = [] if solution is None else [solution]
-    for disturbance in (scales.disturbance - 1, scales.disturbance + 1):
-        if not 0 <= disturbance <= window.liveliest:
-            continue
-        trial = replace(scales, disturbance=disturbance)
-        other = _solution(at, at.reduced(variance, disturbance), trial)
-        tried += [] if other is None else [other]
-        if other is not None and (solution is None or other.evidence > solution.evidence):
-            best, solution = trial, other
+    for name, most in (('disturbance', window.liveliest), ('increment', len(INCREMENTS) - 1)):
+        present = getattr(best, name)
+        for place in (present - 1, present + 1):
+            if not 0 <= place <= most:
+                continue
+            trial = replace(best, **{name: place})
+            other = _solution(at, at.reduced(variance, trial), trial)
+            tried += [] if other is None else [other]
+            if other is not None and (solution is None or other.evidence > solution.evidence):
+                best, solution = trial, other
     for name, grid in _grids(window, at.knowledge):
         for move in (-1, 1):
             place = getattr(best, name) + move
@@ -585,7 +620,7 @@ def steps_at_fixed_scales(
         at = _linearised(problem, fit, knowledge, window)
         if at.samples == 0.0:
             return False
-        reduced = at.reduced(fit.weighting_variance, fit.scales.disturbance)
+        reduced = at.reduced(fit.weighting_variance, fit.scales)
         solution = _solution(at, reduced, fit.scales)
         if solution is None:
             return False
@@ -604,8 +639,8 @@ def _linearised(
     theta, linear = point.theta, point.linear
     intervals = condensed(problem, theta, linear, first_ns, length_ns, window.origin)
     first = int(intervals.first[0])
-    bends = _second_differences(fit, first, len(intervals.samples) + 1)
-    return Linearised(intervals, point, knowledge, window, bends)
+    differences = _differences(fit, first, len(intervals.samples) + 1)
+    return Linearised(intervals, point, knowledge, window, differences)
 
 
 def _limited(at: Linearised, solution: _Solution, step: FloatArray) -> FloatArray:
@@ -645,7 +680,7 @@ def _move(
         trial = replace(fit, point=moved(at.point, step))
         at.knowledge.part(trial.point.theta)
         there = _linearised(problem, trial, at.knowledge, window)
-        reduced = there.reduced(fit.weighting_variance, fit.scales.disturbance)
+        reduced = there.reduced(fit.weighting_variance, fit.scales)
         other = _solution(there, reduced, fit.scales)
         if other is not None:
             cost, rest_there = other.projected()
@@ -659,8 +694,7 @@ def _move(
                 changed = np.linalg.norm(rest_there[response])
                 if changed > _SAME * np.linalg.norm(trial.point.linear):
                     return None
-                knots = len(there.second_differences)
-                there.second_differences = _second_differences(fit, fit.first, knots)
+                there.differences = _differences(fit, fit.first, there.differences.shape[1])
                 return there
         fit.damping = min(max(fit.damping * _RISES, _LEAST_DAMPING), 1.0)
         step = _limited(at, solution, solution.damped(fit.damping))
@@ -768,16 +802,19 @@ def _accept(
     )
 
 
-def _second_differences(fit: WindowFit, first: int, knots: int) -> FloatArray:
-    """Return the last second differences of the disturbance (knots,), NaN where unknown."""
-    known = np.full(len(fit.levels), np.nan)
-    known[1:-1] = np.diff(fit.levels, 2)
-    second_differences = np.full(knots, np.nan)
+def _differences(fit: WindowFit, first: int, knots: int) -> FloatArray:
+    """Return the last first and second differences of the disturbance (2, knots).
+
+    After and around each knot, NaN where unknown.
+    """
+    known = np.full((2, len(fit.levels)), np.nan)
+    known[0, :-1], known[1, 1:-1] = np.diff(fit.levels), np.diff(fit.levels, 2)
+    differences = np.full((2, knots), np.nan)
     shift = first - fit.first
-    part = known[max(shift, 0) :][: max(knots + min(shift, 0), 0)]
+    part = known[:, max(shift, 0) :][:, : max(knots + min(shift, 0), 0)]
     begin = max(-shift, 0)
-    second_differences[begin : begin + len(part)] = part
-    return second_differences
+    differences[:, begin : begin + part.shape[1]] = part
+    return differences
 
 
 def moved(point: Point, step: FloatArray) -> Point:
