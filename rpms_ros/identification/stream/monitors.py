@@ -4,7 +4,7 @@
 
 Monitors receive the stream in cells: consecutive intervals of a fixed grid of the stamps, 0.1 s
 long or shorter, each once and complete.  For an estimator that learns at the end of a recording
-several at a time are examined, and then processed: ten, and later fifty.
+several at a time are examined, and then processed: ten, and later a hundred.
 """
 
 from collections import Counter
@@ -186,7 +186,7 @@ CELL_NS = 100_000_000
 LEAST_DELAY_NS = 20_000_000
 # Cells of a block of a recording: for the first 20 s, in which outliers are to be found as soon as
 # the force is predicted, and then.
-_SHORT_CELLS, _LONG_CELLS = 10, 50
+_SHORT_CELLS, _LONG_CELLS = 10, 100
 _SHORT_FOR_NS = 20_000_000_000
 # Each fault is one bit in the marks of a sample.
 _MOST_FAULTS = 62
