@@ -49,6 +49,8 @@ _GROWTH = 4
 _LAST_SCOUTING_NS = 10 * NANOSECONDS_PER_SECOND
 _SCOUTED_BLOCKS = 400
 _SCOUTING_STEPS, _FINAL_STEPS = 6, 20
+# Starts whose log-likelihoods differ by less lead to the same muscle [nat].
+_EQUAL = 2.0
 # Most intervals of the disturbance: those of a long recording are longer.
 _MOST_INTERVALS = 480
 # The part of a recording that chooses the basis, before its last strong pulse, the least samples
@@ -228,7 +230,9 @@ class BatchEstimator(ProjectionEstimator):
             gauss_newton_steps(problem, one, knowledge, window, _SCOUTING_STEPS)
         best = max(trials, key=lambda one: one.likelihood)
         fit.failures += sum(one.failures for one in trials)
-        if np.isfinite(best.likelihood):
+        # of the same muscle the fit of everything so far knows more than that of the newest blocks
+        known = fit.covariance.any() and trials[-1].likelihood > best.likelihood - _EQUAL
+        if np.isfinite(best.likelihood) and not known:
             fit.point, fit.scales, fit.variance = best.point, best.scales, best.variance
 
     def _choose_basis(self, final: bool) -> bool:
