@@ -343,8 +343,7 @@ def _summed(gram: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatArray
     share = np.arange(count + 1.0) / count
     line[:, joint, joint], line[:, joint, joint + 1] = 1.0 - share[:-1], share[:-1]
     line[:, joint + 1, joint], line[:, joint + 1, joint + 1] = 1.0 - share[1:], share[1:]
-    summed = np.einsum('jki,jkl,jlm->im', line, gram, line, optimize=True)
-    return summed, np.einsum('jki,jk->i', line, right)
+    return np.einsum('jki,jkm->im', line, gram @ line), np.einsum('jki,jk->i', line, right)
 
 
 def _gain(
