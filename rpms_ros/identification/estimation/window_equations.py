@@ -267,12 +267,11 @@ def _condense(
             slopes += problem.input_gain * slope
         if index < problem.first or blocks.moments[here, COUNT] == 0.0:
             continue
+        response, moments = blocks.response[here], blocks.moments[here]
         if before.any():
             correlate(change.linear, before, values)
             without_force(blocks, here, values, cleaned, rest)
             response, moments = cleaned, rest
-        else:
-            response, moments = blocks.response[here], blocks.moments[here]
         number = start_ns // length_ns
         place = min(max(number - intervals.first[0], 0), most)
         baseline = Baseline(number * length_ns, length_ns)
