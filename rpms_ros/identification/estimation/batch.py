@@ -232,8 +232,9 @@ class BatchEstimator(ProjectionEstimator):
         fit.failures += sum(one.failures for one in trials)
         # of the same muscle the fit of everything so far knows more than that of the newest blocks
         known = fit.covariance.any() and trials[-1].likelihood > best.likelihood - _EQUAL
-        if np.isfinite(best.likelihood) and not known:
-            fit.point, fit.scales, fit.variance = best.point, best.scales, best.variance
+        if np.isfinite(best.likelihood):
+            fit.point = fit.point if known else best.point
+            fit.scales, fit.variance = best.scales, best.variance
 
     def _choose_basis(self, final: bool) -> bool:
         """Choose the basis that explains the recording best; return whether it has changed.
