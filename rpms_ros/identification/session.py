@@ -85,7 +85,8 @@ def output_error(
 def settled(stamp_ns: IntArray) -> BoolArray:
     """Return which samples (samples,) are past `SETTLING_TIME`, or past the middle if earlier."""
     # A jump back of the clock does not reduce the time that has passed.
-    elapsed = np.concatenate(([0], np.cumsum(np.maximum(np.diff(stamp_ns), 0))))
+    elapsed = np.zeros_like(stamp_ns)
+    np.cumsum(np.maximum(np.diff(stamp_ns), 0), out=elapsed[1:])
     late: BoolArray = elapsed >= min(
         SETTLING_TIME * NANOSECONDS_PER_SECOND, 0.5 * float(elapsed[-1])
     )
@@ -213,10 +214,10 @@ def identify(
     if not trace.cells:
         raise IdentificationError(_why_nothing(forces.force, settings.largest_force))
     muscle = estimator.fitted() if isinstance(estimator, ProjectionEstimator) else None
-    names = ('stamp_ns', 'force', 'prediction', 'usable')
-    columns = dict(zip(names, map(trace.column, names), strict=True))
-    known = estimates[-1].curve_known
-    return IdentifiedSession(estimates, **columns, muscle=muscle if known else None)
+    muscle = muscle if estimates[-1].curve_known else None
+    names = 'stamp_ns', 'force', 'prediction', 'usable'
+    columns = {name: trace.column(name) for name in names}
+    return IdentifiedSession(estimates, muscle=muscle, **columns)
 
 
 def _why_nothing(force: FloatArray, largest: float) -> str:

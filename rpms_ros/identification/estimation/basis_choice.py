@@ -49,7 +49,8 @@ _TREMOR_DECISION = 50.0
 _STEPS, _ROUGH_STEPS = 10, 3
 # Bases whose log-likelihoods differ by less are told apart by the noise alone [nat].
 _EQUAL, _MOST_EQUAL = 6.0, 30
-_FINALISTS = 5
+# Of few finalists, more steps do not change the order of those that differ by more [nat].
+_FINALISTS, _FAR = 5, 100.0
 # From this place on its grid a disturbance is lively: below a ten thousandth of the force.
 LIVELY = 4
 _LIVELY_START = 7
@@ -141,17 +142,18 @@ class BasisChoice:
         basis = self.basis
         begins = [basis]
         if everywhere:
+            top = max(grid(basis.functions), key=self._roughly)
             # the present one may be on a hill of its own
-            begins.append(max(grid(len(self.fit.point.linear)), key=self._roughly))
+            begins = [one for one in (basis, top) if self._near(one, top)]
         for nearest in begins:
             best = None
             while best != nearest:
                 best, nearest = nearest, max((nearest, *neighbours(nearest)), key=self._roughly)
         tried = [one for one, rough in self._found if rough]
         finalists = sorted(tried, key=self._roughly, reverse=True)[:_FINALISTS]
-        best = max((basis, *finalists), key=self._likelihood)
-        best = self._middle(best, tried)
-        gain = self._likelihood(best) - self._likelihood(basis)
+        near = [one for one in (basis, *finalists) if self._near(one, finalists[0])]
+        best = self._middle(max(near, key=self._likelihood), tried)
+        gain = self._likelihood(best) - self.explained(basis, basis not in near).fit.likelihood
         fit = self.explained(best).fit
         length_ns = self.window.now_ns - self.window.first_ns
         least = _EARLY_DECISION if length_ns < _EARLY_NS else _DECISION
@@ -222,6 +224,9 @@ class BasisChoice:
 
     def _roughly(self, basis: LaguerreBasis) -> float:
         return self.explained(basis, rough=True).fit.likelihood
+
+    def _near(self, basis: LaguerreBasis, best: LaguerreBasis) -> bool:
+        return self._roughly(basis) >= self._roughly(best) - _FAR
 
     def _judged(self, basis: LaguerreBasis, rough: bool) -> BasisFit:
         fit = self._fitted(self.raw, basis, rough)

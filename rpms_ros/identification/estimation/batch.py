@@ -49,6 +49,8 @@ _GROWTH = 4
 _LAST_SCOUTING_NS = 10 * NANOSECONDS_PER_SECOND
 _SCOUTED_BLOCKS = 400
 _SCOUTING_STEPS, _FINAL_STEPS = 6, 20
+# Starts whose log-likelihoods differ by less lead to the same muscle [nat].
+_EQUAL = 2.0
 # Most intervals of the disturbance: those of a long recording are longer.
 _MOST_INTERVALS = 480
 # The part of a recording that chooses the basis, before its last strong pulse, the least samples
@@ -228,8 +230,11 @@ class BatchEstimator(ProjectionEstimator):
             gauss_newton_steps(problem, one, knowledge, window, _SCOUTING_STEPS)
         best = max(trials, key=lambda one: one.likelihood)
         fit.failures += sum(one.failures for one in trials)
+        # of the same muscle the fit of everything so far knows more than that of the newest blocks
+        known = fit.covariance.any() and trials[-1].likelihood > best.likelihood - _EQUAL
         if np.isfinite(best.likelihood):
-            fit.point, fit.scales, fit.variance = best.point, best.scales, best.variance
+            fit.point = fit.point if known else best.point
+            fit.scales, fit.variance = best.scales, best.variance
 
     def _choose_basis(self, final: bool) -> bool:
         """Choose the basis that explains the recording best; return whether it has changed.
@@ -339,8 +344,7 @@ def _summed(gram: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatArray
     share = np.arange(count + 1.0) / count
     line[:, joint, joint], line[:, joint, joint + 1] = 1.0 - share[:-1], share[:-1]
     line[:, joint + 1, joint], line[:, joint + 1, joint + 1] = 1.0 - share[1:], share[1:]
-    summed = np.einsum('jki,jkl,jlm->im', line, gram, line, optimize=True)
-    return summed, np.einsum('jki,jk->i', line, right)
+    return np.einsum('jki,jkm->im', line, gram @ line), np.einsum('jki,jk->i', line, right)
 
 
 def _gain(

@@ -247,9 +247,7 @@ class PulseDelayLine:
 
     def forget(self) -> None:
         """Drop all pulses; the next one counts as the first."""
-        self.begin_ns = np.empty(0, dtype=np.int64)
-        self.intensity = np.empty(0)
-        self.weight = np.empty(0)
+        self.drop(len(self.begin_ns))
         self._last_ns = None
         if self._history is not None:
             self._history.forget()

@@ -130,9 +130,8 @@ class ProjectionEstimator:
         """Drop the pulses that still act: the clock has jumped, their lag is unknown."""
         self._delay_line.forget()
         self._intake.fresh[0] = 1.0
-        self._intake.error_energy[0] = 0.0
-        self._intake.force_energy[0] = 0.0
-        self._intake.recent[0] = 0.0
+        for recent in (self._intake.error_energy, self._intake.force_energy, self._intake.recent):
+            recent[0] = 0.0
         # The baseline continues at its last level: its slope is valid for the old time line only.
         self._predictor.levels[:] = self._predictor.levels[-1]
 
@@ -193,12 +192,9 @@ class ProjectionEstimator:
         self._basis = basis
         self._rate = 2.0 / basis.time_constant
         self._delay_line.latency(basis.latency)
+        settings = self.settings
         self._builder = EstimateBuilder(
-            self.name,
-            basis,
-            self.rate_hz,
-            self.settings.confidence,
-            wide=self.settings.choose_basis,
+            self.name, basis, self.rate_hz, settings.confidence, wide=settings.choose_basis
         )
 
     def _into_other_blocks(

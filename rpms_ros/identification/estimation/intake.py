@@ -330,11 +330,9 @@ class RawSamples:
         """Add pulses (pulses,), ascending, with the factor of their recruitment."""
         here = slice(self._pulses, self._pulses + len(onset_ns))
         self._make_room(_PULSES, here.stop)
-        self._onset_ns[here], self._intensity[here], self._weight[here] = (
-            onset_ns,
-            intensity,
-            weight,
-        )
+        self._onset_ns[here] = onset_ns
+        self._intensity[here] = intensity
+        self._weight[here] = weight
         self._pulses = here.stop
 
     def add(
@@ -342,13 +340,13 @@ class RawSamples:
     ) -> None:
         """Add the usable ones of ascending samples (samples,), and the tremor in their force."""
         last = int(self._stamp_ns[self._size - 1]) if self._size else -(2**62)
-        stamp_ns = stamp_ns[usable]
-        kept = _thinned(stamp_ns, last)
+        kept = np.flatnonzero(usable)
+        kept = kept[_thinned(stamp_ns[kept], last)]
         here = slice(self._size, self._size + len(kept))
         self._make_room(_SAMPLES, here.stop)
         self._stamp_ns[here] = stamp_ns[kept]
-        self._measured[here] = force[usable][kept]
-        self._force[here] = (force - tremor)[usable][kept]
+        self._measured[here] = force[kept]
+        self._force[here] = (force - tremor)[kept]
         self._size = here.stop
 
     def drop(self, before_ns: int) -> None:

@@ -246,7 +246,7 @@ def _condense(
     state, slope = np.zeros(functions), np.zeros(NONLINEAR)
     slopes = np.zeros((functions, NONLINEAR))
     before, values = np.zeros(functions), np.zeros(functions)
-    response, moments = np.zeros((functions, 3)), np.zeros(blocks.moments.shape[1])
+    cleaned, rest = np.zeros((functions, 3)), np.zeros(blocks.moments.shape[1])
     most = len(intervals.samples) - 1
     for index in range(blocks.size[0]):
         here = (blocks.head[0] + index) % len(blocks.start_ns)
@@ -267,8 +267,11 @@ def _condense(
             slopes += problem.input_gain * slope
         if index < problem.first or blocks.moments[here, COUNT] == 0.0:
             continue
-        correlate(change.linear, before, values)
-        without_force(blocks, here, values, response, moments)
+        response, moments = blocks.response[here], blocks.moments[here]
+        if before.any():
+            correlate(change.linear, before, values)
+            without_force(blocks, here, values, cleaned, rest)
+            response, moments = cleaned, rest
         number = start_ns // length_ns
         place = min(max(number - intervals.first[0], 0), most)
         baseline = Baseline(number * length_ns, length_ns)

@@ -4,7 +4,7 @@
 
 Monitors receive the stream in cells: consecutive intervals of a fixed grid of the stamps, 0.1 s
 long or shorter, each once and complete.  For an estimator that learns at the end of a recording
-several at a time are examined, and then processed: ten, and later fifty.
+several at a time are examined, and then processed: ten, and later a hundred.
 """
 
 from collections import Counter

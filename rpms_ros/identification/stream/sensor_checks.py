@@ -263,16 +263,15 @@ def find_excursions(
     """Mark the excursions of the cells of a `Window` in `found` (last - first,)."""
     near = np.empty(2 * _MOST + 1)
     steps = np.abs(np.diff(force))
+    low = high = 0
     for cell in range(len(edges) - 3):
         first, last = edges[cell + 1], edges[cell + 2]
         if first == last or edges[cell + 3] - edges[cell] <= _LEAST:
             continue
         floor = _STEPS * np.median(steps[edges[cell] : edges[cell + 3] - 1])
         for index in range(first, last):
-            low = index
-            while low > 0 and stamp_ns[index] - stamp_ns[low - 1] <= _REACH_NS:
-                low -= 1
-            high = index
+            while stamp_ns[index] - stamp_ns[low] > _REACH_NS:
+                low += 1
             while high + 1 < len(force) and stamp_ns[high + 1] - stamp_ns[index] <= _REACH_NS:
                 high += 1
             # As many on either side, so that the median of a slope is its middle.

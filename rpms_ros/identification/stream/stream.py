@@ -86,7 +86,7 @@ CELL_NS = 100_000_000
 LEAST_DELAY_NS = 20_000_000
 # Cells of a block on line; and of a recording: for the first 20 s, in which outliers are to be
 # found as soon as the force is predicted, and then.
-_ONE_BY_ONE, _TOGETHER = (1, 1), (10, 50)
+_ONE_BY_ONE, _TOGETHER = (1, 1), (10, 100)
 _SHORT_FOR_NS = 20_000_000_000
 Answer = TypeVar('Answer')
 # The columns of `ProcessedSamples`: of samples, and of pulses.

@@ -289,7 +289,7 @@ def read_recording(
     # the times do, since a recording may also have been written one topic after the other; a
     # pulse comes before a sample of the same time.
     before = np.searchsorted(force.received_ns, pulses.received_ns, side='left')
-    if any((np.diff(topic.received_ns) < 0).any() for topic in (pulses, force)):
+    if any((one[1:] < one[:-1]).any() for one in (pulses.received_ns, force.received_ns)):
         before = np.searchsorted(force.place, pulses.place)
     number = pulses.number
     sequence = number['sequence'].astype(np.int64)

@@ -207,9 +207,9 @@ class TopicValues:
         """Return the stamps (messages,) [ns], or times of reception if there are none."""
         if SECOND not in self.number:
             return self.received_ns
-        second = self.number[SECOND].astype(np.int64)
-        nanosecond: IntArray = self.number[NANOSECOND].astype(np.int64)
-        return second * NANOSECONDS_PER_SECOND + nanosecond
+        stamp_ns: IntArray = self.number[SECOND].astype(np.int64)
+        stamp_ns *= NANOSECONDS_PER_SECOND
+        return stamp_ns + self.number[NANOSECOND].astype(np.int64)
 
 
 @dataclass
@@ -324,7 +324,7 @@ def _joined(topic: str, type_name: str, candidate: _Candidate, scan: Scan) -> To
         names = ', '.join(map(repr, frame_ids))
         scan.findings.add('mixed_frame_ids', f'{topic} has frame ids {names}', len(frame_ids) - 1)
     order = slice(None) if good.all() else np.flatnonzero(good)
-    if (np.diff(place) < 0).any():
+    if (place[1:] < place[:-1]).any():
         # Channels of one topic were read one after the other.
         sorted_places = np.argsort(place, kind='stable')
         order = sorted_places[good[sorted_places]]
