@@ -130,6 +130,8 @@ NO_CONSTANT_MUSCLE = 'no_constant_muscle'
 RESPONSE_MISFIT = 'response_misfit'
 RESIDUALS_ALIKE = 'residuals_alike'
 DISTURBANCE_FOLLOWS = 'disturbance_follows_intensity'
+DISTURBANCE_LIVELY = 'disturbance_lively'
+INTERVALS_VARY = 'intervals_vary'
 NOT_ISOMETRIC = 'not_isometric'
 CLOCKS_DIFFER = 'clocks_differ'
 FORCE_WITHOUT_PULSES = 'force_without_pulses'
@@ -152,6 +154,10 @@ REASON: Mapping[str, str] = {
     'sensor that filters its noise: the curve may be wrong by more than its interval',
     DISTURBANCE_FOLLOWS: 'the disturbance runs with the intensity, as if the patient tensed with '
     'what is felt: a part of it may be in the curve, most of it with slow changes of intensity',
+    DISTURBANCE_LIVELY: 'the force that no pulse causes moves all the time, as heart and breath '
+    'do: the muscle cannot be told from it to within the intervals',
+    INTERVALS_VARY: 'the intervals of the pulses vary, and this estimator weighs a pulse by its '
+    'interval as Eq. (10) does, which is not every muscle: use batch or tracking',
     NOT_ISOMETRIC: 'the force of the pulses grows and falls with the force beside them, as where '
     'the joint moves: a trial that is not isometric has no curve of its own',
     CLOCKS_DIFFER: 'the stamps of force and pulses do not belong together',

@@ -45,7 +45,12 @@ from rpms_ros.identification.estimation.window_fit import LEAST_ENERGY
 from rpms_ros.identification.model.estimate import DEFAULT_RATE, Estimate
 from rpms_ros.identification.model.levenberg_marquardt import Ending
 from rpms_ros.identification.model.recruitment import PARAMETERS, recruitment
-from rpms_ros.identification.quality.doubts import FACTORISATION_FAILED, PlausibilityCheck
+from rpms_ros.identification.quality.doubts import (
+    FACTORISATION_FAILED,
+    INTERVALS_VARY,
+    PlausibilityCheck,
+    doubted,
+)
 from rpms_ros.identification.recursion.people_kernel import (
     KNOTS,
     Fit,
@@ -231,6 +236,9 @@ _NEWEST = 0.25
 _FLOOR = 0.01
 # The test does not tell what has changed.
 _KIND = 'unknown'
+# Intervals vary where the weights of more than this share of the pulses differ by this factor from
+# the weight of the one before; a lost pulse makes two.
+_VARYING, _APART = 0.1, 1.25
 
 
 class FixedSizeRecursion:
@@ -275,6 +283,9 @@ class FixedSizeRecursion:
         self._delay_line = PulseDelayLine(basis.latency, settings.by_rate, rate_hz)
         self._builder = EstimateBuilder(self.name, basis, rate_hz, settings.confidence)
         self._plausibility = PlausibilityCheck()
+        # pulses that acted, and those of another weight than the one before
+        self._acted = self._varied = 0
+        self._last_weight = 0.0
 
     @property
     def memory(self) -> float:
@@ -340,6 +351,7 @@ class FixedSizeRecursion:
         found = *self._found(), PRIOR.deviation
         estimate = self._builder.make(stamp_ns, *found, counters, faults)
         estimate = replace(self._plausibility.examine(estimate), changes=self._test.changes)
+        estimate = doubted(estimate, {INTERVALS_VARY: self._varied > _VARYING * self._acted})
         changed_ns = self._test.changed_ns
         if changed_ns is None:
             return estimate
@@ -394,6 +406,9 @@ class FixedSizeRecursion:
         begun = line.begin_until(stamp_ns)
         for pulse in range(begun):
             weight = float(line.weight[pulse])
+            least, most = sorted((weight, self._last_weight))
+            self._varied += most > _APART * least > 0.0
+            self._acted, self._last_weight = self._acted + 1, weight
             self._begin_block(int(line.begin_ns[pulse]), float(line.intensity[pulse]), weight)
         line.drop(begun)
         longest = LONGEST_BLOCK_NS
