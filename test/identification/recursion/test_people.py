@@ -7,12 +7,14 @@ import math
 import numpy as np
 import pytest
 
+import rpms_ros
 from rpms_ros.identification import (
     CONVERGED,
     NOT_INFORMED,
     FixedSizeRecursion,
     ModifiedRecursiveLM,
 )
+from rpms_ros.identification.quality.doubts import INTERVALS_VARY
 from rpms_ros.identification.recursion.people import ChangeTest
 from rpms_ros.muscle import average_subject, simulation_subject
 
@@ -44,6 +46,15 @@ def test_a_muscle_without_a_latency_costs_little(session):
     found = session(seed=12, subject=simulation_subject())
     # As the page says: functions that begin 8 ms late bend the curve by 0.4 %.
     assert found.curve_error(found.fit(FixedSizeRecursion(), 20.0)) < 0.01
+
+
+def test_doublets_on_a_muscle_that_adds_its_pulses_are_doubted(league):
+    """Eq. (10) weighs the second of two pulses 8 ms apart otherwise: wrong by half."""
+    arrays, truth = league.session('doublets', 'random', 0)
+    found = rpms_ros.from_arrays(*arrays).identify('recursive')
+    assert np.abs(found.estimates.last.curve_force - truth).max() > 0.3 * truth.max()
+    assert found.estimates.last.doubts == (INTERVALS_VARY,)
+    assert found.verdict.grade == 'doubtful'
 
 
 def test_a_slow_sinusoid_shows_the_curve_after_two_periods(session):

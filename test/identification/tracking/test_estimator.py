@@ -14,7 +14,11 @@ from rpms_ros.identification import identify
 from rpms_ros.identification.estimation import window_fit
 from rpms_ros.identification.estimation.tracking import TrackingEstimator, TrackingSettings
 from rpms_ros.identification.model.estimate import CONVERGED
-from rpms_ros.identification.quality.doubts import DISTURBANCE_FOLLOWS, NOT_ISOMETRIC
+from rpms_ros.identification.quality.doubts import (
+    DISTURBANCE_FOLLOWS,
+    DISTURBANCE_LIVELY,
+    NOT_ISOMETRIC,
+)
 from rpms_ros.muscle import Contraction, simulation_subject
 from rpms_ros.pulses import ForceTrace, PulseTrain
 
@@ -371,3 +375,22 @@ def test_noise_behind_the_filter_of_a_sensor_is_no_effort(living_sessions, excit
     assert errors(session, estimates)[20:].max() < 0.003
     assert held(session, estimates)[20:].min() > 0.9
     assert not any(one.doubts for one in estimates[20:])
+
+
+@pytest.mark.long
+def test_noise_that_moves_all_the_time_need_not_wander(league):
+    """Hum and 1/f noise of 1 % each: 5.5 % wrong if second differences alone have a prior."""
+    arrays, truth = league.session('hum', 'sinusoid', 0)
+    last = rpms_ros.from_arrays(*arrays).identify('tracking').estimates.last
+    # bench/league.py: 0.7 %
+    assert np.abs(last.curve_force - truth).max() < 0.015 * truth.max()
+    assert ((last.curve_lower <= truth) & (truth <= last.curve_upper)).all()
+
+
+@pytest.mark.long
+def test_heart_and_breath_are_doubted(league):
+    """A heart of 2 % and a breath of 3 %: 1 to 3 % wrong beside a band of 1 %."""
+    arrays, _ = league.session('heart', 'random', 0)
+    found = rpms_ros.from_arrays(*arrays).identify('tracking')
+    assert DISTURBANCE_LIVELY in found.estimates.last.doubts
+    assert found.verdict.grade != 'good'
