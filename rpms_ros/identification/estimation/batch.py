@@ -139,7 +139,7 @@ class BatchEstimator(ProjectionEstimator):
             last = int(np.searchsorted(stamp_ns, self._due_ns))
             part = slice(first, last)
             self._make_room(int(stamp_ns[last - 1] - stamp_ns[first]))
-            self._add_samples(stamp_ns[part], force[part], usable[part], prediction[part])
+            prediction[part] = self._add_samples(stamp_ns[part], force[part], usable[part])
             if self.settings.choose_basis:
                 self._raw.add(stamp_ns[part], force[part], 0.0, usable[part])
             self._last_ns = int(stamp_ns[last - 1])

@@ -182,6 +182,22 @@ def without_force(
             response[row, RESPONSE_FORCE] -= blocks.gram[here, row, column] * values[column]
 
 
+class PendingPulses(NamedTuple):
+    """Pulses whose twitch has not begun.
+
+    Attributes
+    ----------
+    begin_ns : ndarray of int64 (pulses,)
+        When it begins, latency included [ns], ascending.
+    intensity, weight : ndarray (pulses,)
+        Intensity, and factor of the recruitment.
+    """
+
+    begin_ns: IntArray
+    intensity: FloatArray
+    weight: FloatArray
+
+
 class PulseDelayLine:
     """Pulses whose twitch has not begun, with their weights.
 
@@ -220,6 +236,11 @@ class PulseDelayLine:
         self.intensity = np.concatenate((self.intensity, intensity))
         self.weight = np.concatenate((self.weight, self._weights(onset_ns, intensity)))
         self._last_ns = int(onset_ns[-1])
+
+    @property
+    def pending(self) -> PendingPulses:
+        """The pulses that wait."""
+        return PendingPulses(self.begin_ns, self.intensity, self.weight)
 
     def latency(self, latency: float) -> None:
         """Set the latency of pulses that are added from now on [s]."""

@@ -137,19 +137,8 @@ class ProjectionEstimator:
 
     def predict(self, stamp_ns: IntArray) -> FloatArray:
         """Return the prediction of the next samples (samples,) [N]."""
-        pending, expected = self._delay_line, np.empty(len(stamp_ns))
-        predict(
-            stamp_ns,
-            pending.begin_ns,
-            pending.intensity,
-            pending.weight,
-            self._problem,
-            self._intake,
-            self._predictor,
-            self._rate,
-            expected,
-        )
-        return expected
+        pending, problem = self._delay_line.pending, self._problem
+        return predict(stamp_ns, pending, problem, self._intake, self._predictor, self._rate)
 
     def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
         """Return the present estimate."""
@@ -211,27 +200,14 @@ class ProjectionEstimator:
         self._delay_line.restart(*self._raw.newest_pulses(pending), basis.latency)
         self._use(basis)
 
-    def _add_samples(
-        self, stamp_ns: IntArray, force: FloatArray, usable: BoolArray, prediction: FloatArray
-    ) -> None:
-        """Add samples (samples,) to the blocks; write their prediction."""
-        pending = self._delay_line
-        begun = add_samples(
-            stamp_ns,
-            force,
-            usable,
-            pending.begin_ns,
-            pending.intensity,
-            pending.weight,
-            self._problem,
-            self._intake,
-            self._predictor,
-            self._rate,
-            prediction,
-        )
+    def _add_samples(self, stamp_ns: IntArray, force: FloatArray, usable: BoolArray) -> FloatArray:
+        """Add samples (samples,) to the blocks; return their prediction."""
+        pending, state = self._delay_line.pending, (self._intake, self._predictor, self._rate)
+        begun, prediction = add_samples(stamp_ns, force, usable, pending, self._problem, *state)
         # those that act, not all that are known: how far ahead pulses come differs on line
         self._intensity_range = recruiting_range(pending.intensity[:begun], self._intensity_range)
-        pending.drop(begun)
+        self._delay_line.drop(begun)
+        return prediction
 
     def _of_any_shape(self, knowledge: Knowledge) -> Knowledge:
         """Return a prior of the arctangents alone while there was one intensity only."""

@@ -16,7 +16,7 @@ import numpy as np
 from rpms_ros.identification.estimation.blocks import (
     COUNT,
     LONGEST_BLOCK_NS,
-    BlockStatistics,
+    PendingPulses,
     add_sample,
     empty_blocks,
     newest,
@@ -104,22 +104,16 @@ def fresh_intake(functions: int) -> Intake:
 
 @numba.njit(cache=True)
 def _begin_block(
-    blocks: BlockStatistics,
-    input_gain: float,
-    intake: Intake,
-    muscle: Predictor,
-    start_ns: int,
-    intensity: float,
-    weight: float,
-    rate: float,
-) -> int:
-    here = open_block(blocks, start_ns, intensity, weight, rate, intake.fresh[0] > 0.0)
+    problem: Problem, intake: Intake, muscle: Predictor, at_ns: int, pulse: FloatArray, rate: float
+) -> None:
+    """Begin a block with a pulse: its intensity and weight (2,)."""
+    fresh = intake.fresh[0] > 0.0
+    here = open_block(problem.blocks, at_ns, pulse[0], pulse[1], rate, fresh)
     intake.fresh[0] = 0.0
-    advance_state(blocks.transition[here], intake.state)
-    if intensity != 0.0:
-        intake.state[:] += input_gain * counted(intensity, weight, muscle.theta)
+    advance_state(problem.blocks.transition[here], intake.state)
+    if pulse[0] != 0.0:
+        intake.state[:] += problem.input_gain * counted(pulse[0], pulse[1], muscle.theta)
     correlate(muscle.linear, intake.state, intake.response)
-    return here
 
 
 @numba.njit(cache=True)
@@ -173,40 +167,28 @@ def add_samples(
     stamp_ns: IntArray,
     force: FloatArray,
     usable: BoolArray,
-    begin_ns: IntArray,
-    intensity: FloatArray,
-    weight: FloatArray,
+    pending: PendingPulses,
     problem: Problem,
     intake: Intake,
     muscle: Predictor,
     rate: float,
-    prediction: FloatArray,
-) -> int:
-    """Add ascending samples (samples,); return how many pulses have begun to act.
+) -> tuple[int, FloatArray]:
+    """Add ascending samples (samples,).
 
-    `begin_ns`, `intensity`, `weight` (pulses,) are pulses whose twitch has not begun yet;
-    `begin_ns` includes the latency.  Writes the prediction of each sample with the present
-    parameters.
+    Returns how many pulses have begun to act, and the prediction of each sample (samples,) with
+    the present parameters.
     """
-    blocks, baseline, input_gain = problem.blocks, problem.baseline, problem.input_gain
-    begun = 0
+    blocks, baseline, begin_ns = problem.blocks, problem.baseline, pending.begin_ns
+    begun, prediction, nothing = 0, np.empty(len(stamp_ns)), np.zeros(2)
     for index in range(len(stamp_ns)):
         stamp = stamp_ns[index]
         while begun < len(begin_ns) and begin_ns[begun] < stamp:
-            _begin_block(
-                blocks,
-                problem.input_gain,
-                intake,
-                muscle,
-                begin_ns[begun],
-                intensity[begun],
-                weight[begun],
-                rate,
-            )
+            pulse = np.array([pending.intensity[begun], pending.weight[begun]])
+            _begin_block(problem, intake, muscle, begin_ns[begun], pulse, rate)
             begun += 1
         none = blocks.size[0] == 0 or intake.fresh[0] > 0.0
         if none or stamp - blocks.start_ns[newest(blocks)] > LONGEST_BLOCK_NS:
-            _begin_block(blocks, input_gain, intake, muscle, stamp, 0.0, 0.0, rate)
+            _begin_block(problem, intake, muscle, stamp, nothing, rate)
         here = newest(blocks)
         tau = 1e-9 * (stamp - blocks.start_ns[here])
         transition_generator(rate * tau, intake.values)
@@ -218,52 +200,43 @@ def add_samples(
         prediction[index] = predicted
         if not usable[index]:
             continue
-        error = force[index] - predicted
-        decay = count_energy(
-            intake.error_energy,
-            intake.force_energy,
-            intake.previous_ns,
-            stamp,
-            error,
-            force[index],
-        )
+        measured, energy = force[index], (intake.error_energy, intake.force_energy)
+        decay = count_energy(*energy, intake.previous_ns, stamp, measured - predicted, measured)
         intake.recent[0] = decay * intake.recent[0] + 1.0
         intake.learnt[0] += 1.0
-        add_sample(blocks, here, tau, force[index], intake.values)
-    return begun
+        add_sample(blocks, here, tau, measured, intake.values)
+    return begun, prediction
 
 
 @numba.njit(cache=True)
 def predict(
     stamp_ns: IntArray,
-    begin_ns: IntArray,
-    intensity: FloatArray,
-    weight: FloatArray,
+    pending: PendingPulses,
     problem: Problem,
     intake: Intake,
     muscle: Predictor,
     rate: float,
-    expected: FloatArray,
-) -> None:
-    """Write the predictions that `add_samples` would make of ascending samples (samples,).
+) -> FloatArray:
+    """Return the predictions that `add_samples` would make of ascending samples (samples,).
 
     The state of the intake does not change.
     """
-    blocks, baseline = problem.blocks, problem.baseline
+    blocks, baseline, begin_ns = problem.blocks, problem.baseline, pending.begin_ns
     known = blocks.size[0] > 0 and intake.fresh[0] == 0.0
     start = blocks.start_ns[newest(blocks)] if known else stamp_ns[0]
     state, response = intake.state.copy(), intake.response.copy()
     if not known:
         state[:] = 0.0
         response[:] = 0.0
-    values = np.empty(len(state))
+    values, expected = np.empty(len(state)), np.empty(len(stamp_ns))
     begun = 0
     for index in range(len(stamp_ns)):
         stamp = stamp_ns[index]
         while begun < len(begin_ns) and begin_ns[begun] < stamp:
             transition_generator(rate * 1e-9 * max(begin_ns[begun] - start, 0), values)
             advance_state(values, state)
-            state += problem.input_gain * counted(intensity[begun], weight[begun], muscle.theta)
+            size = counted(pending.intensity[begun], pending.weight[begun], muscle.theta)
+            state += problem.input_gain * size
             correlate(muscle.linear, state, response)
             start = begin_ns[begun]
             begun += 1
@@ -274,6 +247,7 @@ def predict(
         position = near_knots(position_of(stamp, baseline), baseline)
         total += (1.0 - position) * muscle.levels[0] + position * muscle.levels[1]
         expected[index] = total
+    return expected
 
 
 # Least distance of samples that are kept: more are not needed to choose a basis [ns].
@@ -469,20 +443,11 @@ class RawSamples:
             input_gain=basis.input_gain,
             baseline=Baseline(first_ns, NANOSECONDS_PER_SECOND),
         )
-        prediction = np.empty(len(stamp_ns))
-        intake = fresh_intake(functions)
-        begun = add_samples(
-            stamp_ns,
-            force,
-            np.ones(len(stamp_ns), dtype=np.bool_),
-            begin_ns,
-            self._intensity[pulse : self._pulses],
-            self._weight[pulse : self._pulses],
-            problem,
-            intake,
-            muscle,
-            2.0 / basis.time_constant,
-            prediction,
+        intake, usable = fresh_intake(functions), np.ones(len(stamp_ns), dtype=np.bool_)
+        here, rate = slice(pulse, self._pulses), 2.0 / basis.time_constant
+        pending = PendingPulses(begin_ns, self._intensity[here], self._weight[here])
+        begun, prediction = add_samples(
+            stamp_ns, force, usable, pending, problem, intake, muscle, rate
         )
         size = int(problem.blocks.size[0])
         first = int(np.searchsorted(problem.blocks.start_ns[:size], first_ns))

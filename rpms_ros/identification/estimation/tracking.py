@@ -455,7 +455,7 @@ class TrackingEstimator(ProjectionEstimator):
             self._make_room(int(stamp_ns[first]), int(stamp_ns[last - 1]))
             tremor = self._tremor.force(stamp_ns[part])
             rest = force[part] - tremor
-            self._add_samples(stamp_ns[part], rest, usable[part], prediction[part])
+            prediction[part] = self._add_samples(stamp_ns[part], rest, usable[part])
             self._raw.add(stamp_ns[part], force[part], tremor, usable[part])
             muscle = prediction[part] - self._disturbance(stamp_ns[part])
             self._tremor.add(stamp_ns[part], force[part], muscle, usable[part])

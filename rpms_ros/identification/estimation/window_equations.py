@@ -38,7 +38,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from rpms_ros.identification.estimation.blocks import COUNT, FORCE_SQUARED, without_force
+from rpms_ros.identification.estimation.blocks import COUNT, FORCE_SQUARED, newest, without_force
 from rpms_ros.identification.estimation.normal_equations import (
     add_baseline_terms,
     add_gradient_terms,
@@ -168,6 +168,7 @@ class Intervals(NamedTuple):
     samples: FloatArray
 
 
+@numba.njit(cache=True)
 def empty_intervals(count: int, functions: int, first: int) -> Intervals:
     """Return so many intervals without a sample."""
     columns = NONLINEAR + functions + 2
@@ -201,6 +202,7 @@ def no_change(functions: int) -> Origin:
     return Origin(-(2**62), np.ones(NONLINEAR), np.zeros(functions))
 
 
+@numba.njit(cache=True)
 def condensed(
     problem: Problem,
     theta: FloatArray,
@@ -223,25 +225,9 @@ def condensed(
         The force of pulses before it is subtracted from the samples.
     """
     blocks = problem.blocks
-    newest = (int(blocks.head[0]) + int(blocks.size[0]) - 1) % len(blocks.start_ns)
+    last_ns = blocks.start_ns[newest(blocks)]
     first = first_ns // length_ns
-    count = int(blocks.start_ns[newest]) // length_ns - first + 1
-    intervals = empty_intervals(count, len(linear), first)
-    _condense(problem, theta, linear, length_ns, origin, intervals)
-    return intervals
-
-
-@numba.njit(cache=True)
-def _condense(
-    problem: Problem,
-    theta: FloatArray,
-    linear: FloatArray,
-    length_ns: int,
-    change: Origin,
-    intervals: Intervals,
-) -> None:
-    """Write intervals; they have to be zero before."""
-    blocks = problem.blocks
+    intervals = empty_intervals(last_ns // length_ns - first + 1, len(linear), first)
     functions = len(linear)
     state, slope = np.zeros(functions), np.zeros(NONLINEAR)
     slopes = np.zeros((functions, NONLINEAR))
@@ -252,10 +238,10 @@ def _condense(
         here = (blocks.head[0] + index) % len(blocks.start_ns)
         start_ns = blocks.start_ns[here]
         advance_state(blocks.transition[here], before)
-        if start_ns < change.stamp_ns:
+        if start_ns < origin.stamp_ns:
             if blocks.intensity[here] != 0.0:
                 before += problem.input_gain * counted(
-                    blocks.intensity[here], blocks.weight[here], change.theta
+                    blocks.intensity[here], blocks.weight[here], origin.theta
                 )
             continue
         advance_state(blocks.transition[here], state)
@@ -269,7 +255,7 @@ def _condense(
             continue
         response, moments = blocks.response[here], blocks.moments[here]
         if before.any():
-            correlate(change.linear, before, values)
+            correlate(origin.linear, before, values)
             without_force(blocks, here, values, cleaned, rest)
             response, moments = cleaned, rest
         number = start_ns // length_ns
@@ -287,6 +273,7 @@ def _condense(
         for row in range(len(gram)):
             for column in range(row):
                 gram[column, row] = gram[row, column]
+    return intervals
 
 
 SLOPES = 2
@@ -362,9 +349,11 @@ def steady(theta: FloatArray, linear: FloatArray) -> Point:
     return Point(theta.copy(), linear.copy(), none, none, np.zeros(SLOPES), np.zeros(1))
 
 
+@numba.njit(cache=True)
 def unknowns_of(point: Point) -> int:
     """Return the number of unknowns in x."""
-    return NONLINEAR + len(point.linear) + 2 * len(point.gain) + SLOPES
+    count: int = NONLINEAR + len(point.linear) + 2 * len(point.gain) + SLOPES
+    return count
 
 
 @numba.njit(cache=True)
@@ -471,10 +460,10 @@ def _add_past(
 
 
 @numba.njit(cache=True)
-def assemble(
-    intervals: Intervals, point: Point, age: FloatArray, position: FloatArray, equations: Equations
-) -> None:
-    """Write the equations of a window; they have to be zero before.
+def assembled(
+    intervals: Intervals, point: Point, age: FloatArray, position: FloatArray
+) -> Equations:
+    """Return the equations of a window.
 
     Parameters
     ----------
@@ -485,9 +474,11 @@ def assemble(
     age, position : ndarray (intervals,)
         Age of the muscle that an interval shows, counted in intervals and in knots of gain and
         slowing.
-    equations : Equations
-        Filled.
     """
+    unknowns, ends = unknowns_of(point), len(intervals.samples) + 1
+    matrix, right_hand = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
+    coupling, band = np.zeros((ends, unknowns + 1)), np.zeros((ends, 3))
+    equations = Equations(matrix, right_hand, coupling, band, np.zeros(1))
     knots = len(point.gain)
     local = NONLINEAR + len(point.linear)
     force = np.zeros(local + 2)
@@ -518,22 +509,6 @@ def assemble(
             force, slow, gain, age[index], position[index], knots, local, basis, place
         )
         _add_past(gram, rest, gain, index, local, basis[:count], place[:count], equations)
-
-
-def assembled(
-    intervals: Intervals, point: Point, age: FloatArray, position: FloatArray
-) -> Equations:
-    """Return the equations of a window; see `assemble`."""
-    unknowns = unknowns_of(point)
-    knots = len(intervals.samples) + 1
-    equations = Equations(
-        matrix=np.zeros((unknowns, unknowns)),
-        right=np.zeros(unknowns),
-        coupling=np.zeros((knots, unknowns + 1)),
-        band=np.zeros((knots, 3)),
-        energy=np.zeros(1),
-    )
-    assemble(intervals, point, age, position, equations)
     return equations
 
 
@@ -641,51 +616,6 @@ def _pass_on(factor: FloatArray, knot: int, unknowns: int) -> None:
 
 
 @numba.njit(cache=True)
-def _eliminate(
-    equations: Equations,
-    variance: float,
-    rough: Roughness,
-    level: FloatArray,
-    about: FloatArray,
-    reduced: Reduced,
-) -> None:
-    unknowns = len(equations.right)
-    knots = len(equations.band)
-    scale = 1.0 / variance
-    factor = reduced.factor
-    right, ahead, pivot = unknowns, unknowns + 1, unknowns + 3
-    cost = scale * equations.energy[0]
-    for knot in range(knots):
-        for column in range(unknowns + 1):
-            factor[knot, column] = scale * equations.coupling[knot, column]
-        factor[knot, ahead] = scale * equations.band[knot, 1]
-        factor[knot, ahead + 1] = 0.0
-        factor[knot, pivot] = scale * equations.band[knot, 0] + level[knot]
-        factor[knot, right] += level[knot] * about[knot]
-        cost += level[knot] * about[knot] * about[knot]
-    _add_roughness(rough, unknowns, factor)
-    logarithm = 0.0
-    reduced.right[:] = scale * equations.right
-    reduced.matrix[:] = scale * equations.matrix
-    for knot in range(knots):
-        inverse = 1.0 / factor[knot, pivot]
-        logarithm += np.log(inverse)
-        cost -= factor[knot, right] * factor[knot, right] * inverse
-        for row in range(unknowns):
-            share = factor[knot, row] * inverse
-            if share == 0.0:
-                continue
-            reduced.right[row] -= share * factor[knot, right]
-            for column in range(row + 1):
-                reduced.matrix[row, column] -= share * factor[knot, column]
-        _pass_on(factor, knot, unknowns)
-    for row in range(unknowns):
-        for column in range(row):
-            reduced.matrix[column, row] = reduced.matrix[row, column]
-    reduced.cost[0] = cost
-    reduced.evidence[0] = 0.5 * logarithm
-
-
 def eliminated(
     equations: Equations, variance: float, rough: Roughness, level: FloatArray, about: FloatArray
 ) -> Reduced:
@@ -703,15 +633,37 @@ def eliminated(
         Information about the level of each knot [1/N^2], and its mean [N].
     """
     unknowns, knots = len(equations.right), len(equations.band)
-    reduced = Reduced(
-        matrix=np.zeros((unknowns, unknowns)),
-        right=np.zeros(unknowns),
-        cost=np.zeros(1),
-        evidence=np.zeros(1),
-        factor=np.zeros((knots, unknowns + 4)),
-    )
-    _eliminate(equations, variance, rough, level, about, reduced)
-    return reduced
+    factor = np.zeros((knots, unknowns + 4))
+    scale = 1.0 / variance
+    right, ahead, pivot = unknowns, unknowns + 1, unknowns + 3
+    cost = scale * equations.energy[0]
+    for knot in range(knots):
+        for column in range(unknowns + 1):
+            factor[knot, column] = scale * equations.coupling[knot, column]
+        factor[knot, ahead] = scale * equations.band[knot, 1]
+        factor[knot, ahead + 1] = 0.0
+        factor[knot, pivot] = scale * equations.band[knot, 0] + level[knot]
+        factor[knot, right] += level[knot] * about[knot]
+        cost += level[knot] * about[knot] * about[knot]
+    _add_roughness(rough, unknowns, factor)
+    logarithm = 0.0
+    right_hand, matrix = scale * equations.right, scale * equations.matrix
+    for knot in range(knots):
+        inverse = 1.0 / factor[knot, pivot]
+        logarithm += np.log(inverse)
+        cost -= factor[knot, right] * factor[knot, right] * inverse
+        for row in range(unknowns):
+            share = factor[knot, row] * inverse
+            if share == 0.0:
+                continue
+            right_hand[row] -= share * factor[knot, right]
+            for column in range(row + 1):
+                matrix[row, column] -= share * factor[knot, column]
+        _pass_on(factor, knot, unknowns)
+    for row in range(unknowns):
+        for column in range(row):
+            matrix[column, row] = matrix[row, column]
+    return Reduced(matrix, right_hand, np.full(1, cost), np.full(1, 0.5 * logarithm), factor)
 
 
 @numba.njit(cache=True)

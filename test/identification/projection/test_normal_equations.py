@@ -9,12 +9,14 @@ from rpms_ros.identification.estimation.settings import ProjectionSettings
 from rpms_ros.identification.estimation.tracking import TrackingEstimator, TrackingSettings
 from rpms_ros.identification.estimation.window_equations import (
     Point,
+    Roughness,
     assembled,
     condensed,
     disturbance_at,
     eliminated,
     empty_intervals,
     no_change,
+    shares_of_prior,
     time_scale_derivative,
     time_scaled,
 )
@@ -182,7 +184,13 @@ class Written:
         return matrix.reshape(-1, INTERVALS + 1)
 
 
-def dense(written, stiffness, level, about):
+def penalty_of(rough):
+    """Return the information (knots, knots) of a prior of differences."""
+    first, second = (np.diff(np.eye(INTERVALS + 1), order, axis=0) for order in (1, 2))
+    return first.T * rough.first[:-1] @ first + second.T * rough.second[1:-1] @ second
+
+
+def dense(written, rough, level, about):
     """Return information, right-hand side, cost and levels by linear algebra with all samples."""
     x = written.unknowns()
     steps = 1e-6 * np.eye(len(x))
@@ -191,10 +199,7 @@ def dense(written, stiffness, level, about):
     )
     rest = (written.force - written.model(x)).ravel()
     matrix = written.disturbance()
-    knots = INTERVALS + 1
-    second = np.diff(np.eye(knots), 2, axis=0)
-    penalty = second.T @ np.diag(stiffness[1:-1]) @ second + np.diag(level)
-    inner = matrix.T @ matrix / VARIANCE + penalty
+    inner = matrix.T @ matrix / VARIANCE + penalty_of(rough) + np.diag(level)
     across = matrix.T @ jacobian / VARIANCE
     right = matrix.T @ rest / VARIANCE + level * about
     information = jacobian.T @ jacobian / VARIANCE - across.T @ np.linalg.solve(inner, across)
@@ -209,17 +214,34 @@ def dense(written, stiffness, level, about):
 def test_the_equations_are_those_of_all_samples(seed):
     written = Written(seed)
     generator = np.random.default_rng(seed)
-    stiffness = generator.uniform(1.0, 100.0, INTERVALS + 1)
+    rough = Roughness(*generator.uniform(1.0, 100.0, (2, INTERVALS + 1)))
     level = np.full(INTERVALS + 1, 0.01)
     about = generator.standard_normal(INTERVALS + 1)
     equations = assembled(written.intervals(), written.point, *written.ages)
-    reduced = eliminated(equations, VARIANCE, stiffness, level, about)
-    information, gradient, cost, levels, step = dense(written, stiffness, level, about)
+    reduced = eliminated(equations, VARIANCE, rough, level, about)
+    information, gradient, cost, levels, step = dense(written, rough, level, about)
     # the dense Jacobian is by differences: about 1e-8 of its entries
     np.testing.assert_allclose(reduced.matrix, information, rtol=1e-6, atol=1e-5)
     np.testing.assert_allclose(reduced.right, gradient, rtol=1e-6, atol=1e-5)
     assert reduced.cost[0] == pytest.approx(cost, rel=1e-9)
     np.testing.assert_allclose(disturbance_at(reduced, step), levels, rtol=1e-5, atol=1e-7)
+
+
+def test_shares_of_the_prior_of_differences():
+    rough = Roughness(*np.random.default_rng(3).uniform(1.0, 100.0, (2, INTERVALS + 1)))
+    shares, logarithm = shares_of_prior(rough)
+    # the increments are all but the level of the first knot
+    increments = np.tri(INTERVALS + 1, INTERVALS, -1)
+    information = increments.T @ penalty_of(rough) @ increments
+    covariance = np.linalg.inv(information)
+    bends = np.diff(np.eye(INTERVALS), axis=0)
+    first = rough.first[:-1] * np.diag(covariance)
+    second = rough.second[1:-1] * np.diag(bends @ covariance @ bends.T)
+    np.testing.assert_allclose(shares[0, :-1], first, rtol=1e-9)
+    np.testing.assert_allclose(shares[1, 1:-1], second, rtol=1e-9)
+    assert logarithm == pytest.approx(np.linalg.slogdet(information)[1], rel=1e-9)
+    # each difference is told by its own prior or by another one
+    assert first.sum() + second.sum() == pytest.approx(INTERVALS)
 
 
 def test_slowing_is_the_derivative_by_the_time_constant():
