@@ -47,7 +47,7 @@ _GROWTH = 4
 # Every start is tried on so many of the newest blocks; later fits for predictions alone go on from
 # the fit before.
 _LAST_SCOUTING_NS = 10 * NANOSECONDS_PER_SECOND
-_SCOUTED_BLOCKS = 400
+_SCOUTED_BLOCKS, _MANY_BLOCKS = 400, 4000
 _SCOUTING_STEPS, _FINAL_STEPS = 6, 20
 # Starts whose log-likelihoods differ by less lead to the same muscle [nat].
 _EQUAL = 2.0
@@ -230,8 +230,9 @@ class BatchEstimator(ProjectionEstimator):
             gauss_newton_steps(problem, one, knowledge, window, _SCOUTING_STEPS)
         best = max(trials, key=lambda one: one.likelihood)
         fit.failures += sum(one.failures for one in trials)
-        # of the same muscle the fit of everything so far knows more than that of the newest blocks
-        known = fit.covariance.any() and trials[-1].likelihood > best.likelihood - _EQUAL
+        # of the same muscle a fit of far more blocks knows more
+        many = fit.covariance.any() and self._problem.blocks.size[0] > _MANY_BLOCKS
+        known = many and trials[-1].likelihood > best.likelihood - _EQUAL
         if np.isfinite(best.likelihood):
             fit.point = fit.point if known else best.point
             fit.scales, fit.variance = best.scales, best.variance
