@@ -87,9 +87,8 @@ def settled(stamp_ns: IntArray) -> BoolArray:
     # A jump back of the clock does not reduce the time that has passed.
     elapsed = np.zeros_like(stamp_ns)
     np.cumsum(np.maximum(np.diff(stamp_ns), 0), out=elapsed[1:])
-    late: BoolArray = elapsed >= min(
-        SETTLING_TIME * NANOSECONDS_PER_SECOND, 0.5 * float(elapsed[-1])
-    )
+    least = min(SETTLING_TIME * NANOSECONDS_PER_SECOND, 0.5 * float(elapsed[-1]))
+    late: BoolArray = elapsed >= least
     return late
 
 
@@ -215,8 +214,7 @@ def identify(
         raise IdentificationError(_why_nothing(forces.force, settings.largest_force))
     muscle = estimator.fitted() if isinstance(estimator, ProjectionEstimator) else None
     muscle = muscle if estimates[-1].curve_known else None
-    names = 'stamp_ns', 'force', 'prediction', 'usable'
-    columns = {name: trace.column(name) for name in names}
+    columns = {name: trace.column(name) for name in ('stamp_ns', 'force', 'prediction', 'usable')}
     return IdentifiedSession(estimates, muscle=muscle, **columns)
 
 

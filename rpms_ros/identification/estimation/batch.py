@@ -47,16 +47,17 @@ _GROWTH = 4
 # Every start is tried on so many of the newest blocks; later fits for predictions alone go on from
 # the fit before.
 _LAST_SCOUTING_NS = 10 * NANOSECONDS_PER_SECOND
-_SCOUTED_BLOCKS = 400
+_SCOUTED_BLOCKS, _MANY_BLOCKS = 400, 4000
 _SCOUTING_STEPS, _FINAL_STEPS = 6, 20
 # Starts whose log-likelihoods differ by less lead to the same muscle [nat].
 _EQUAL = 2.0
 # Most intervals of the disturbance: those of a long recording are longer.
 _MOST_INTERVALS = 480
 # The part of a recording that chooses the basis, before its last strong pulse, the least samples
-# for that, and the length from which the whole grid of bases is searched once more.
+# for that and the least time before the end, and the length from which the whole grid of bases is
+# searched once more.
 _CHOSEN_NS = 40 * NANOSECONDS_PER_SECOND
-_LEAST_SAMPLES = 500
+_LEAST_SAMPLES, _LEAST_NS = 500, 2 * NANOSECONDS_PER_SECOND
 _SEARCHED_AGAIN_NS = 10 * NANOSECONDS_PER_SECOND
 _CHOICE_STEPS = 10
 # Where the clock has jumped, recordings are put one after the other with this distance.
@@ -230,8 +231,9 @@ class BatchEstimator(ProjectionEstimator):
             gauss_newton_steps(problem, one, knowledge, window, _SCOUTING_STEPS)
         best = max(trials, key=lambda one: one.likelihood)
         fit.failures += sum(one.failures for one in trials)
-        # of the same muscle the fit of everything so far knows more than that of the newest blocks
-        known = fit.covariance.any() and trials[-1].likelihood > best.likelihood - _EQUAL
+        # of the same muscle a fit of far more blocks knows more
+        many = fit.covariance.any() and self._problem.blocks.size[0] > _MANY_BLOCKS
+        known = many and trials[-1].likelihood > best.likelihood - _EQUAL
         if np.isfinite(best.likelihood):
             fit.point = fit.point if known else best.point
             fit.scales, fit.variance = best.scales, best.variance
@@ -246,8 +248,9 @@ class BatchEstimator(ProjectionEstimator):
         if strong_ns is None or strong_ns == self._compared_ns:
             return False
         first_ns = max(strong_ns - _CHOSEN_NS, self._raw.first_ns)
-        everywhere = self._searches < 1 + (strong_ns - first_ns > _SEARCHED_AGAIN_NS)
-        if not (everywhere or final):
+        span_ns = strong_ns - first_ns
+        everywhere = self._searches < 1 + (span_ns > _SEARCHED_AGAIN_NS)
+        if not final and (not everywhere or span_ns < _LEAST_NS):
             return False
         # a search everywhere is one anew: the basis of few samples has no right of its own
         present = self.settings.basis if everywhere else self._basis

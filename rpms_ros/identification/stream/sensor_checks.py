@@ -281,9 +281,11 @@ def find_excursions(
             count = 2 * side + 1
             if count <= _LEAST:
                 continue
-            above = 0
-            below = 0
+            above = below = 0
             for place in range(count):
+                # the median is near: more than half of them are
+                if place - above - below > side:
+                    break
                 near[place] = force[index + (place - side) * stride]
                 above += near[place] > force[index] + floor
                 below += near[place] < force[index] - floor
