@@ -50,7 +50,7 @@ _STEPS, _ROUGH_STEPS = 10, 3
 # Bases whose log-likelihoods differ by less are told apart by the noise alone [nat].
 _EQUAL, _MOST_EQUAL = 6.0, 30
 # Of few finalists, more steps do not change the order of those that differ by more [nat].
-_FINALISTS, _FAR = 5, 100.0
+_FINALISTS, _FAR = 5, 1000.0
 # From this place on its grid a disturbance is lively: below a ten thousandth of the force.
 LIVELY = 4
 _LIVELY_START = 7

@@ -154,9 +154,8 @@ def described_fit(
     # neighbouring residuals are alike, and more than the model's own error
     alike = fit.inflation > _DOUBTED_INFLATION * fit.colour
     alike = alike and fit.misfit * fit.weighting_variance > 0.5 * fit.variance
-    lively = len(fit.levels) > _LEAST_COMPARED // 4 and (
-        float(np.median(np.abs(np.diff(fit.levels)))) > _MOVES * full
-    )
+    moves = float(np.median(np.abs(np.diff(fit.levels))))
+    lively = len(fit.levels) > _LEAST_COMPARED // 4 and moves > _MOVES * full
     doubts = {RESIDUALS_ALIKE: alike, DISTURBANCE_FOLLOWS: follows, DISTURBANCE_LIVELY: lively}
     return doubted(described, doubts | {NOT_ISOMETRIC: fit.swing > _SWING})
 

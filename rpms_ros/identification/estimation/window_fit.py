@@ -106,6 +106,8 @@ LIVELINESS: FloatArray = 10.0 ** np.arange(-6.0, -0.4, 0.5)
 # Of its increment over an interval, the first practically none: what moves all the time, as heart
 # and breath do, need not wander.
 INCREMENTS: FloatArray = np.concatenate(([1e3], 10.0 ** np.arange(-0.5, -5.1, -0.5)))
+# From this place in `LIVELINESS` on: below, a sensor may drift.
+_MOVES = 8
 # Change of force and time constant over the distance of two knots (relative), of thresholds over
 # an interval.
 CHANGES: FloatArray = np.concatenate(([1e-5], 10.0 ** np.arange(-4.0, -0.9, 0.5)))
@@ -531,10 +533,12 @@ def _best_scales(
 
     With the solution, and all solutions tried.
     """
-    scales = best = replace(scales, disturbance=min(scales.disturbance, window.liveliest))
+    last = {'disturbance': window.liveliest, 'increment': len(INCREMENTS) - 1}
+    last['increment'] *= scales.disturbance >= _MOVES
+    scales = best = replace(scales, **{one: min(getattr(scales, one), last[one]) for one in last})
     solution = _solution(at, at.reduced(variance, scales), scales)
     tried = [] if solution is None else [solution]
-    for name, most in (('disturbance', window.liveliest), ('increment', len(INCREMENTS) - 1)):
+    for name, most in last.items():
         present = getattr(best, name)
         for place in (present - 1, present + 1):
             if not 0 <= place <= most:
