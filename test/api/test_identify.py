@@ -84,6 +84,11 @@ def test_one_intensity_has_no_curve_but_a_response():
         result.force_at(0.5)
 
 
+def test_two_seconds_of_a_muscle_are_good():
+    # predictions before all was learnt are of a basis that was searched for by then
+    assert rpms_ros.simulate(duration=2.0).identify('batch').verdict.grade == 'good'
+
+
 def test_no_curve_from_pulses_on_another_clock_is_not_called_one_intensity():
     session = rpms_ros.simulate(duration=5.0)
     pulses = session.pulses

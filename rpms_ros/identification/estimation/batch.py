@@ -54,10 +54,9 @@ _EQUAL = 2.0
 # Most intervals of the disturbance: those of a long recording are longer.
 _MOST_INTERVALS = 480
 # The part of a recording that chooses the basis, before its last strong pulse, the least samples
-# for that and the least time before the end, and the length from which the whole grid of bases is
-# searched once more.
+# for that, and the length from which the whole grid of bases is searched once more.
 _CHOSEN_NS = 40 * NANOSECONDS_PER_SECOND
-_LEAST_SAMPLES, _LEAST_NS = 500, 2 * NANOSECONDS_PER_SECOND
+_LEAST_SAMPLES = 500
 _SEARCHED_AGAIN_NS = 10 * NANOSECONDS_PER_SECOND
 _CHOICE_STEPS = 10
 # Where the clock has jumped, recordings are put one after the other with this distance.
@@ -248,9 +247,8 @@ class BatchEstimator(ProjectionEstimator):
         if strong_ns is None or strong_ns == self._compared_ns:
             return False
         first_ns = max(strong_ns - _CHOSEN_NS, self._raw.first_ns)
-        span_ns = strong_ns - first_ns
-        everywhere = self._searches < 1 + (span_ns > _SEARCHED_AGAIN_NS)
-        if not final and (not everywhere or span_ns < _LEAST_NS):
+        everywhere = self._searches < 1 + (strong_ns - first_ns > _SEARCHED_AGAIN_NS)
+        if not (everywhere or final):
             return False
         # a search everywhere is one anew: the basis of few samples has no right of its own
         present = self.settings.basis if everywhere else self._basis

@@ -22,6 +22,7 @@ from collections import Counter, deque
 from collections.abc import Mapping
 from dataclasses import replace
 
+import numba
 import numpy as np
 
 from rpms_ros.identification.model.estimate import (
@@ -475,6 +476,34 @@ _CHANCE = 4.0
 _LEAST_SPREAD = 0.05
 
 
+@numba.njit(cache=True)
+def _add_errors(
+    lag: IntArray,
+    intensity: FloatArray,
+    force: FloatArray,
+    prediction: FloatArray,
+    by_lag: FloatArray,
+    over_all: FloatArray,
+) -> None:
+    """Add samples to the sums, one after the other, so that no bit depends on the blocks."""
+    for place in range(len(lag)):
+        pulse, expected, there = intensity[place], prediction[place], by_lag[lag[place]]
+        error = force[place] - expected
+        there[0] += 1.0
+        there[1] += pulse
+        there[2] += pulse**2
+        there[3] += error
+        there[4] += error * pulse
+        there[5] += error**2
+        over_all[0] += 1.0
+        over_all[1] += expected
+        over_all[2] += expected**2
+        over_all[3] += error
+        over_all[4] += error * expected
+        over_all[5] += force[place] ** 2
+        over_all[6] += error**2
+
+
 class ResponseMisfit:
     """Regression of the prediction errors on the pulses, over the last seconds."""
 
@@ -527,14 +556,8 @@ class ResponseMisfit:
         chosen = usable & (place >= 0) & (lag < _AFTER) & np.isfinite(force - prediction)
         lag, place = lag[chosen], place[chosen]
         force, expected = force[chosen], prediction[chosen]
-        error, intensity = force - expected, self._intensity[place]
-        one = np.ones(len(error))
-        # one after the other, so that no bit depends on the blocks
-        columns = (one, intensity, intensity**2, error, error * intensity, error**2)
-        np.add.at(self._by_lag[self._newest], lag, np.stack(columns, axis=1))
-        rows = (one, expected, expected**2, error, error * expected, force**2, error**2)
-        whole = self._over_all[self._newest, None]
-        np.add.at(whole, np.zeros(len(one), dtype=np.int64), np.stack(rows, axis=1))
+        muscle = self._intensity[place], force, expected
+        _add_errors(lag, *muscle, self._by_lag[self._newest], self._over_all[self._newest])
 
     @property
     def _newest(self) -> int:
