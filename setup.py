@@ -94,7 +94,7 @@ setup(
             'stimulator_driver = rpms_ros.nodes.executables:stimulator_driver',
         ],
         'rpms_ros.devices': [
-            'serial = rpms_ros.stimulation.devices.serial_line:build',
+            'serial = rpms_ros.stimulation.devices.rapid2:build',
             'simulated = rpms_ros.stimulation.devices.simulated:build',
         ],
     },

@@ -33,7 +33,7 @@ from guarded_train import train
 
 from rpms_ros.guard import rapid2
 from rpms_ros.guard.relay import GuardLimits
-from rpms_ros.stimulation.devices.serial_line import GuardedLine, open_port
+from rpms_ros.stimulation.devices.rapid2 import GuardedLine, open_port
 
 RATE_HZ = 20.0
 MARGIN_S = 0.020
@@ -226,7 +226,7 @@ def main():
     parser.add_argument('scenarios', nargs='*', help=f'some of: {", ".join(SCENARIOS)}')
     options = parser.parse_args()
     context = multiprocessing.get_context('forkserver')
-    context.set_forkserver_preload(['rpms_ros.stimulation.devices.serial_line'])
+    context.set_forkserver_preload(['rpms_ros.stimulation.devices.rapid2'])
     sound = exchanges(options.exchanges)
     bound = 1e3 * (1.0 / RATE_HZ + MARGIN_S)
     print(f'20 Hz; median and longest [ms]; silent has to be within {bound:.0f} ms')

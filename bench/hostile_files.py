@@ -44,7 +44,7 @@ from laboratory_files import FORMATS, tables
 import rpms_ros
 from rpms_ros.cli import main as rpms
 from rpms_ros.errors import RpmsError
-from rpms_ros.identification.model.summation import TemporalSummation
+from rpms_ros.identification.model.history_law import TemporalSummation
 from rpms_ros.muscle.scenario import load_scenario
 from rpms_ros.recording import write_recording
 from rpms_ros.stimulation.limits import patient

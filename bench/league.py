@@ -3,6 +3,7 @@
 """Muscles and situations of other kinds than the model's, by estimator.
 
 `python bench/league.py [--seeds 3] [--muscles boltzmann ...] [--estimators batch scipy ...]`
+`python bench/league.py --drawn 1000 [--first 0] [--estimators batch ...]`
 
 Random people with a recruitment of another shape, another summation, or something beside the
 stimulation, simulated here without code of the package: 60 s at 20 Hz with 0.5 % noise, random
@@ -13,6 +14,10 @@ than 2 % and outside its interval, with the verdict good.  Beside the muscle of 
 family, `arctan`, stands the least deviation that any unbiased estimator of its eight parameters
 can have (Cramer and Rao), and by how much the error exceeds it, both as root mean squares over
 curve and people.  `scipy`, `polynomial` and `ekf` are those of peers.py; they state no interval.
+
+With --drawn, each session has a muscle and up to two situations, an excitation, a rate, a duration
+and a noise of its own, all drawn; those that are silent are printed, and how many of the model's
+family with nothing beside the stimulation were doubted.
 """
 
 import argparse
@@ -88,6 +93,7 @@ SITUATIONS = [
     *('filter', 'jitter', 'lost', 'late'),
 ]
 MUSCLES = [*RECRUITMENTS, *SITUATIONS]
+EXCITATIONS = ['random', 'sinusoid', 'upper', 'staircase', 'groups', 'catch']
 
 
 def person(generator):
@@ -102,14 +108,25 @@ def person(generator):
         'width': generator.uniform(0.05, 0.09),
         'time_constant': generator.uniform(25e-3, 50e-3),
         'latency': generator.uniform(6e-3, 14e-3),
+        'seconds': SECONDS,
+        'rate': RATE,
+        'noise': NOISE,
     }
 
 
-def intensities(excitation, generator):
-    count = round(SECONDS * RATE)
-    if excitation == 'random':
-        return generator.uniform(0.0, 1.0, count)
-    return 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(count) / RATE / 9.0)
+def intensities(excitation, one, generator):
+    """Return intensities at a steady rate."""
+    count = round(one['seconds'] * one['rate'])
+    time, any_of_them = np.arange(count) / one['rate'], generator.uniform(0.0, 1.0, count)
+    slow = 0.5 - 0.5 * np.cos(2.0 * np.pi * time / 9.0)
+    return {
+        'random': any_of_them,
+        'sinusoid': slow,
+        'upper': 0.3 + 0.7 * any_of_them,
+        'staircase': np.abs((time // 1.5 * 0.1 + 1.0) % 2.0 - 1.0),
+        'groups': np.where(time % 6.0 < 4.0, any_of_them, 0.0),
+        'catch': np.where(generator.uniform(size=count) < 0.1, any_of_them, slow),
+    }[excitation]
 
 
 def twitches(grid, onset, size, one):
@@ -160,7 +177,7 @@ def coloured(generator, count):
     return noise / noise.std()
 
 
-def tired(onset, intensity):
+def tired(onset, intensity, one):
     """Return the share of the force that each pulse finds, and the share left at the end.
 
     Each takes a part of what is left, which comes back within a quarter of a minute.
@@ -170,82 +187,104 @@ def tired(onset, intensity):
         left = 1.0 - (1.0 - left) * math.exp(-(at - last) / RECOVERY)
         share[index], last = left, at
         left *= 1.0 - 0.0015 * intensity[index]
-    return share, 1.0 - (1.0 - left) * math.exp(-(SECONDS - last) / RECOVERY)
+    return share, 1.0 - (1.0 - left) * math.exp(-(one['seconds'] - last) / RECOVERY)
 
 
 def slipped(one, at):
     """Return a person whose coil has slipped for a time [s]."""
-    return one | {name: one[name] + 0.1 * at / SECONDS for name in ('thr', 'sat')}
+    return one | {name: one[name] + 0.1 * at / one['seconds'] for name in ('thr', 'sat')}
 
 
-def contraction(muscle, grid, onset, intensity, one, generator):
+def contraction(kinds, grid, onset, intensity, one, generator):
     """Return the force of the stimulated muscle and its true curve at the end."""
-    shape = RECRUITMENTS.get(muscle, arctan)
-    recruited, truth = shape(intensity, one), RATE * shape(U, one)
-    if muscle == 'ding':
+    shape, rate = RECRUITMENTS[kinds[0]], one['rate']
+    recruited, truth = shape(intensity, one), rate * shape(U, one)
+    if 'slip' in kinds:
+        pairs = zip(intensity, onset, strict=True)
+        recruited = np.array([shape(np.array([u]), slipped(one, at))[0] for u, at in pairs])
+        truth = rate * shape(U, slipped(one, one['seconds']))
+    if 'rests' in kinds:
+        share, left = tired(onset, intensity, one)
+        recruited, truth = recruited * share, truth * left
+    if 'jitter' in kinds:
+        onset = onset + 0.5e-3 * generator.standard_normal(len(onset))
+    force = twitches(grid, onset, recruited, one)
+    if 'ding' in kinds:
         # units that are above their threshold do all the same
-        beat, many = np.arange(0.0, 3.0, 1e-3), np.arange(1e-3, 3.0, 1.0 / RATE)
+        beat, many = np.arange(0.0, 3.0, 1e-3), np.arange(1e-3, 3.0, 1.0 / rate)
         every = motor_units(beat, many, np.ones(len(many)), one)[-1000:].mean()
         rank = arctan(U, one)
         above = np.searchsorted((np.arange(UNITS) + 0.5) / UNITS, rank / rank[-1])
-        return motor_units(grid, onset, intensity, one), every * above / UNITS
-    if muscle == 'slip':
-        pairs = zip(intensity, onset, strict=True)
-        recruited = np.array([shape(np.array([u]), slipped(one, at))[0] for u, at in pairs])
-        truth = RATE * shape(U, slipped(one, SECONDS))
-    if muscle == 'rests':
-        share, left = tired(onset, intensity)
-        recruited, truth = recruited * share, truth * left
-    if muscle == 'jitter':
-        onset = onset + 0.5e-3 * generator.standard_normal(len(onset))
-    force = twitches(grid, onset, recruited, one)
-    if muscle == 'length':
+        force, truth = motor_units(grid, onset, intensity, one), every * above / UNITS
+    if 'length' in kinds:
         # the joint swings: force by length, and a passive spring
         swing = np.sin(2.0 * np.pi * 0.31 * grid)
         force = force * (1.0 + 0.15 * swing) + 0.05 * truth.max() * (1.0 + swing)
-    if muscle == 'release':
+    if 'release' in kinds:
         force = force * np.where(grid % 10.0 // 0.4 == 12.0, 0.4, 1.0)
     return force, truth
 
 
-def beside(muscle, grid, onset, intensity, generator):
+def beside(kinds, grid, onset, intensity, generator):
     """Return the force (10 N is that of the muscle) that no pulse causes."""
-    if muscle == 'effort':
+    force = np.zeros(len(grid))
+    if 'effort' in kinds:
         # the patient tenses with what is felt, half a second late
         felt = np.interp(grid - 0.5, onset, intensity)
-        return np.convolve(felt, np.full(500, 1.0 / 500), 'same')
-    if muscle == 'heart':
-        return 0.2 * np.sin(2.0 * np.pi * 1.1 * grid) + 0.3 * np.sin(2.0 * np.pi * 0.23 * grid)
-    if muscle == 'hum':
-        return 0.1 * np.sin(2.0 * np.pi * 50.0 * grid) + 0.1 * coloured(generator, len(grid))
-    return 0.0
+        force += np.convolve(felt, np.full(500, 1.0 / 500), 'same')
+    if 'heart' in kinds:
+        force += 0.2 * np.sin(2.0 * np.pi * 1.1 * grid) + 0.3 * np.sin(2.0 * np.pi * 0.23 * grid)
+    if 'hum' in kinds:
+        force += 0.1 * np.sin(2.0 * np.pi * 50.0 * grid) + 0.1 * coloured(generator, len(grid))
+    return force
 
 
 def session(muscle, excitation, seed):
     """Return pulses, force and the true curve."""
     generator = np.random.default_rng([seed, zlib.crc32(muscle.encode())])
-    one = person(generator)
-    intensity = intensities(excitation, generator)
-    grid = np.arange(0.0, SECONDS, 1e-3)
-    onset = 1e-3 + np.arange(len(intensity)) / RATE
-    if muscle == 'doublets':
+    kinds = [muscle] if muscle in RECRUITMENTS else ['arctan', muscle]
+    return simulated(kinds, excitation, person(generator), generator)
+
+
+def drawn(seed, muscles):
+    """Return a muscle and situations of these, excitation and person of a session."""
+    generator = np.random.default_rng([seed, 7])
+    one = person(generator) | {
+        'seconds': round(generator.uniform(20.0, 80.0)),
+        'rate': float(generator.choice([10.0, 15.0, 20.0, 25.0, 30.0])),
+        'noise': 10.0 ** generator.uniform(-3.0, -1.7),
+    }
+    shapes = [one for one in muscles if one in RECRUITMENTS] or ['arctan']
+    situations = [one for one in muscles if one in SITUATIONS]
+    kinds = [str(generator.choice(shapes))]
+    many = min(generator.integers(0, 3), len(situations))
+    kinds += generator.choice(situations, many, replace=False).tolist() if many else []
+    return kinds, str(generator.choice(EXCITATIONS)), one, generator
+
+
+def simulated(kinds, excitation, one, generator):
+    """Return pulses, force and the true curve of a muscle in some situations."""
+    intensity, rate = intensities(excitation, one, generator), one['rate']
+    grid = np.arange(0.0, one['seconds'], 1e-3)
+    onset = 1e-3 + np.arange(len(intensity)) / rate
+    if 'doublets' in kinds:
         onset, intensity = onset[::2], intensity[::2]
         onset = np.column_stack((onset, onset + 8e-3)).ravel()
         intensity = np.repeat(intensity, 2)
-    if muscle == 'rests':
+    if 'rests' in kinds:
         # the session ends in a pause
         kept = onset % 16.0 < 8.0
         onset, intensity = onset[kept], intensity[kept]
-    force, truth = contraction(muscle, grid, onset, intensity, one, generator)
+    force, truth = contraction(kinds, grid, onset, intensity, one, generator)
     scale = 10.0 / truth.max()
-    force = scale * force + NOISE * 10.0 * generator.standard_normal(len(grid))
-    force += beside(muscle, grid, onset, intensity, generator)
-    if muscle == 'filter':
+    force = scale * force + one['noise'] * 10.0 * generator.standard_normal(len(grid))
+    force += beside(kinds, grid, onset, intensity, generator)
+    if 'filter' in kinds:
         force = lfilter(*butter(2, 30.0, fs=1e3), force)
-    if muscle == 'lost':
+    if 'lost' in kinds:
         kept = generator.uniform(size=len(onset)) > 0.01
         onset, intensity = onset[kept], intensity[kept]
-    if muscle == 'late':
+    if 'late' in kinds:
         onset = onset + 0.05
     return (grid, force, onset, intensity), scale * truth
 
@@ -265,17 +304,42 @@ def least(excitation, seed):
 PEERS = {'scipy': peers.by_scipy, 'polynomial': peers.by_polynomial, 'ekf': peers.by_ekf}
 
 
-def identified(name, arrays, truth):
+def identified(name, arrays, truth, rate=RATE):
     """Return curve, half of its interval, what is inside, the verdict and doubts, seconds."""
     begun = time.process_time()
     if name in PEERS:
         curve = PEERS[name](*arrays)
         return curve, math.nan, math.nan, [], time.process_time() - begun
-    found = rpms_ros.from_arrays(*arrays).identify(name)
+    found = rpms_ros.from_arrays(*arrays).identify(name, rate_hz=rate)
     spent, last = time.process_time() - begun, found.estimates.last
     held = (last.curve_lower <= truth) & (truth <= last.curve_upper)
     half = (last.curve_upper - last.curve_lower).max() / 2.0
     return last.curve_force, half, held[5:].mean(), [found.verdict.grade, *last.doubts], spent
+
+
+def draw(chosen):
+    """Identify drawn sessions; print those that are wrong without a word."""
+    print('     muscle and situations, excitation, estimator: error, half of the interval, inside')
+    count, alone = Counter(), Counter()
+    for seed in range(chosen.first, chosen.first + chosen.drawn):
+        for name in chosen.estimators:
+            kinds, excitation, one, generator = drawn(seed, chosen.muscles)
+            arrays, truth = simulated(kinds, excitation, one, generator)
+            curve, half, held, words, _ = identified(name, arrays, truth, one['rate'])
+            error = 100.0 * np.abs(curve - truth).max() / truth.max()
+            silent = bool(words[0] == 'good' and error > 2.0 and held < 1.0)
+            count.update([(name, words[0]), *[(name, 'silent')] * silent])
+            if kinds == ['arctan']:
+                alone.update([(name, words[0])])
+            if silent or chosen.every:
+                print(
+                    f'{seed:4} {"+".join(kinds)}, {excitation}, {name}: {error:.2f} % '
+                    f'+-{100.0 * half / truth.max():.2f}, {held:.2f}; {one["rate"]:.0f} Hz, '
+                    f'{one["seconds"]:.0f} s, noise {100.0 * one["noise"]:.2f} %; {words}',
+                    flush=True,
+                )
+    print(dict(count))
+    print('arctangents alone:', dict(alone))
 
 
 def main():
@@ -283,7 +347,13 @@ def main():
     parser.add_argument('--seeds', type=int, default=3)
     parser.add_argument('--muscles', nargs='+', choices=MUSCLES, default=MUSCLES)
     parser.add_argument('--estimators', nargs='+', default=['batch', 'tracking', 'recursive'])
+    parser.add_argument('--drawn', type=int, default=0, help='how many sessions to draw')
+    parser.add_argument('--first', type=int, default=0, help='number of the first drawn session')
+    parser.add_argument('--every', action='store_true', help='print all drawn sessions')
     chosen = parser.parse_args()
+    if chosen.drawn:
+        draw(chosen)
+        return
     print('muscle       intensities  estimator   error, median / worst   half   coverage   time')
     silent = 0
     for muscle in chosen.muscles:

@@ -17,7 +17,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
 import numpy as np
 from ledger_kills import dose_of, kill_repeatedly
 
-from rpms_ros.stimulation.limits.limits import BookedPulse
+from rpms_ros.stimulation.limits.limiter import BookedPulse
 from rpms_ros.stimulation.records.dose_ledger import DoseLedger
 
 BATCH = 20

@@ -224,8 +224,8 @@ def damaged(data):
 
 def subscriptions_of(node):
     """Subscriptions of a node, and of the one that hears for it, if there is one."""
-    hearing = getattr(node, '_hearing', None)
-    return [*node.subscriptions, *(hearing.subscriptions if hearing else ())]
+    listener = getattr(node, '_listener', None)
+    return [*node.subscriptions, *(listener.subscriptions if listener else ())]
 
 
 class Laboratory:

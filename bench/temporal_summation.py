@@ -23,7 +23,7 @@ from scipy.optimize import minimize
 
 from rpms_ros.identification.analysis.responses import Response
 from rpms_ros.identification.analysis.trains import analyze_trains, fit_scaled, pulse_twitches
-from rpms_ros.identification.model.summation import PulseHistory, TemporalSummation
+from rpms_ros.identification.model.history_law import PulseHistory, TemporalSummation
 from rpms_ros.schema import plain
 
 FOLDER = Path(os.environ.get('RPMS_RECORDINGS', Path(__file__).parents[1] / '../shared/data'))

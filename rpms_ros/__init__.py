@@ -33,19 +33,8 @@ if TYPE_CHECKING:
     )
 
 __version__ = '0.1.0'
-__all__ = [
-    'Curve',
-    'Identification',
-    'ImpulseResponse',
-    'Parameter',
-    'RpmsError',
-    'Session',
-    'Stated',
-    'Verdict',
-    'from_arrays',
-    'load',
-    'simulate',
-]
+__all__ = ['Curve', 'Identification', 'ImpulseResponse', 'Parameter', 'RpmsError', 'Session']
+__all__ += ['Stated', 'Verdict', 'from_arrays', 'load', 'simulate']
 
 # Before anything is compiled, and before any room imports numba.
 use_cache_of(Path(__file__).parent)

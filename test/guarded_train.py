@@ -11,8 +11,8 @@ import signal
 import sys
 import time
 
+from rpms_ros.stimulation.devices.rapid2 import SerialDevice
 from rpms_ros.stimulation.devices.registry import DeviceError, TooLate
-from rpms_ros.stimulation.devices.serial_line import SerialDevice
 
 SECOND = 1_000_000_000
 INTENSITY = 0.4

@@ -17,7 +17,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import NamedTuple
 
-from rpms_ros.stimulation.limits.limits import BookedPulse, DoseExceeded, DoseLimits
+from rpms_ros.stimulation.limits.limiter import BookedPulse, DoseExceeded, DoseLimits
 from rpms_ros.stimulation.records.dose_ledger import DoseLedger
 
 EXHAUSTED = 7

@@ -5,7 +5,6 @@
 import argparse
 import socket
 import time
-from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -227,7 +226,7 @@ def _report(
     session = identified(recording, IdentificationOptions(estimator, preset))
     rate = session.last.repetition_rate
     truth = true_muscle(recording, rate)
-    truth = of_subject(subject, rate) if truth is None else replace(truth, subject=subject)
+    truth = of_subject(subject, rate) if truth is None else truth._replace(subject=subject)
     course = course_of(session)
     judged = truth.judged(course)
     print(f'  truth      {"no curve was found" if judged is None else judged.sentence}')

@@ -78,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
     exit code: of the verdict, 0 good, 1 doubtful or a recording with faults, 3 no;
     2 if not possible
     """
-    from rpms_ros.identification.model.summation import TemporalSummation
+    from rpms_ros.identification.model.history_law import TemporalSummation
     from rpms_ros.identification.quality.verdict import FOLLOWER
     from rpms_ros.report.result import IdentificationOptions, identified, result_of, result_rows
     from rpms_ros.schema import plain

@@ -3,6 +3,7 @@
 """``rpms live``: a running session in the browser."""
 
 import argparse
+import secrets
 from functools import partial
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -54,10 +55,10 @@ def run_live(arguments: argparse.Namespace) -> int:
 
     exit code: 0 after Ctrl-C, 2 if the page could not be served.
     """
-    from rpms_ros.live.server import new_token, token_of
+    from rpms_ros.live.server import token_of
     from rpms_ros.nodes.live_page import serve
 
-    token = new_token() if arguments.stop else ''
+    token = secrets.token_urlsafe(24) if arguments.stop else ''
     if arguments.token_file is not None:
         token = token_of(arguments.token_file)
     if not 0 <= arguments.port <= 65535:

@@ -3,63 +3,44 @@
 """Identification of a muscle from its force: bases, estimators, alignment of pulses and force."""
 
 from rpms_ros.identification.catalogue import (
-    ESTIMATORS,
-    EstimatorOptions,
-    estimator_by_name,
-    estimator_names,
+    ESTIMATORS as ESTIMATORS,
+    EstimatorOptions as EstimatorOptions,
+    estimator_by_name as estimator_by_name,
+    estimator_names as estimator_names,
 )
-from rpms_ros.identification.estimation.batch import BatchEstimator
-from rpms_ros.identification.estimation.settings import ProjectionSettings
-from rpms_ros.identification.model.basis import DistortedSineBasis, LaguerreBasis
+from rpms_ros.identification.estimation.batch import BatchEstimator as BatchEstimator
+from rpms_ros.identification.estimation.settings import ProjectionSettings as ProjectionSettings
+from rpms_ros.identification.model.basis import (
+    DistortedSineBasis as DistortedSineBasis,
+    LaguerreBasis as LaguerreBasis,
+)
 from rpms_ros.identification.model.estimate import (
-    CONVERGED,
-    CURVE_INTENSITY,
-    DEFAULT_RATE,
-    INFORMED,
-    NOT_INFORMED,
-    Estimate,
-    Estimator,
+    CONVERGED as CONVERGED,
+    CURVE_INTENSITY as CURVE_INTENSITY,
+    DEFAULT_RATE as DEFAULT_RATE,
+    INFORMED as INFORMED,
+    NOT_INFORMED as NOT_INFORMED,
+    Estimate as Estimate,
+    Estimator as Estimator,
 )
 from rpms_ros.identification.model.settings import (
-    PAPER_PRESETS,
-    PRESET_NAMES,
-    TABLE_4,
-    TABLE_5,
-    RecursiveSettings,
-    settings_by_name,
+    PAPER_PRESETS as PAPER_PRESETS,
+    PRESET_NAMES as PRESET_NAMES,
+    TABLE_4 as TABLE_4,
+    TABLE_5 as TABLE_5,
+    RecursiveSettings as RecursiveSettings,
+    settings_by_name as settings_by_name,
 )
-from rpms_ros.identification.recursion.paper import ModifiedRecursiveLM
-from rpms_ros.identification.recursion.people import PEOPLE, FixedSizeRecursion
-from rpms_ros.identification.session import IdentifiedSession, identify
-from rpms_ros.identification.stream.stream import IdentificationStream, StreamSettings
-
-__all__ = [
-    'CONVERGED',
-    'CURVE_INTENSITY',
-    'DEFAULT_RATE',
-    'ESTIMATORS',
-    'INFORMED',
-    'NOT_INFORMED',
-    'PAPER_PRESETS',
-    'PEOPLE',
-    'PRESET_NAMES',
-    'TABLE_4',
-    'TABLE_5',
-    'BatchEstimator',
-    'DistortedSineBasis',
-    'Estimate',
-    'Estimator',
-    'EstimatorOptions',
-    'FixedSizeRecursion',
-    'IdentificationStream',
-    'IdentifiedSession',
-    'LaguerreBasis',
-    'ModifiedRecursiveLM',
-    'ProjectionSettings',
-    'RecursiveSettings',
-    'StreamSettings',
-    'estimator_by_name',
-    'estimator_names',
-    'identify',
-    'settings_by_name',
-]
+from rpms_ros.identification.recursion.paper import ModifiedRecursiveLM as ModifiedRecursiveLM
+from rpms_ros.identification.recursion.people import (
+    PEOPLE as PEOPLE,
+    FixedSizeRecursion as FixedSizeRecursion,
+)
+from rpms_ros.identification.session import (
+    IdentifiedSession as IdentifiedSession,
+    identify as identify,
+)
+from rpms_ros.identification.stream.stream import (
+    IdentificationStream as IdentificationStream,
+    StreamSettings as StreamSettings,
+)

@@ -22,8 +22,8 @@ from rpms_ros.identification.model.estimate import (
     LOWEST_RATE,
     Estimator,
 )
-from rpms_ros.identification.model.settings import PEOPLE_PRESET, check_preset, settings_by_name
-from rpms_ros.identification.model.summation import TemporalSummation
+from rpms_ros.identification.model.history_law import TemporalSummation
+from rpms_ros.identification.model.settings import PEOPLE_PRESET, PRESET_NAMES, settings_by_name
 from rpms_ros.identification.recursion.paper import ModifiedRecursiveLM
 from rpms_ros.identification.recursion.people import PEOPLE, FixedSizeRecursion
 
@@ -141,7 +141,9 @@ def estimator_by_name(
         lacks a member of `Estimator`, if there is no such preset, or
         if a value of the options is not possible.
     """
-    check_preset(preset)
+    if preset not in PRESET_NAMES:
+        known = ', '.join(PRESET_NAMES)
+        raise IdentificationError(f'expected a preset of {known}, got {preset!r}')
     options = EstimatorOptions(preset, seed, rate_hz, history)
     points = list(entry_points(group=GROUP, name=name))
     targets = [*(['this package'] if name in ESTIMATORS else []), *(p.value for p in points)]

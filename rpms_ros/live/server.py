@@ -18,7 +18,6 @@ import asyncio
 import hmac
 import ipaddress
 import json
-import secrets
 import socket
 import stat
 import threading
@@ -116,11 +115,6 @@ class Access:
             return False
         given = authorization.removeprefix(_SCHEME).encode('utf-8', 'surrogateescape')
         return hmac.compare_digest(given, self.token.encode())
-
-
-def new_token() -> str:
-    """Return a token that nobody guesses."""
-    return secrets.token_urlsafe(24)
 
 
 def token_of(path: Path) -> str:

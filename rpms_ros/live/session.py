@@ -19,7 +19,7 @@ from rpms_ros.identification.analysis.trains import evenly
 from rpms_ros.identification.model.estimate import Estimate
 from rpms_ros.identification.quality.doubts import MEANING, meaning_of_doubt
 from rpms_ros.live.force_course import BIN_NS, ForceBins, ModelledForce
-from rpms_ros.live.heard import MOST_NAMES, OK, SILENT, Topic, number, numbers, text, texts
+from rpms_ros.live.topic_health import MOST_NAMES, OK, SILENT, Topic, number, numbers, text, texts
 from rpms_ros.muscle.recruitment import PARAMETER_NAMES
 from rpms_ros.printable import counted
 from rpms_ros.pulses import FloatArray, IntArray, Pulse

@@ -15,6 +15,7 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -41,8 +42,8 @@ from rpms_ros.identification import (
 from rpms_ros.identification.catalogue import estimator_by_name, on_line_names
 from rpms_ros.identification.estimation.prior import warm_start
 from rpms_ros.identification.model.estimate import HIGHEST_RATE, LOWEST_RATE
-from rpms_ros.identification.model.settings import PEOPLE_PRESET, check_preset
-from rpms_ros.identification.model.summation import TemporalSummation
+from rpms_ros.identification.model.history_law import TemporalSummation
+from rpms_ros.identification.model.settings import PEOPLE_PRESET
 from rpms_ros.identification.quality import doubts as faults
 from rpms_ros.identification.quality.doubts import stated_doubt
 from rpms_ros.identification.stream.sensor_checks import monitors_by_name
@@ -55,9 +56,9 @@ from rpms_ros.nodes.common.diagnostics import (
     logger_of,
     plain_text,
 )
-from rpms_ros.nodes.common.hearing import Ear, Taken
 from rpms_ros.nodes.common.parameters import NodeParameters, declare_parameters, parameter
 from rpms_ros.nodes.common.runner import NodeOfParts, every, run
+from rpms_ros.nodes.common.subscriptions import QueuedTopic, Taken
 from rpms_ros.nodes.common.topics import MESSAGE_TYPES
 from rpms_ros.pulses import ForceTrace, IntArray, PulseTrain
 
@@ -134,10 +135,6 @@ class IdentifierParameters(NodeParameters):
                 'fits everything anew for each estimate: use tracking here, and rpms identify '
                 'for the recording'
             )
-        try:
-            check_preset(self.preset)
-        except IdentificationError as error:
-            raise NodeError(f'parameter preset: {error}') from error
         super().__post_init__()
         try:
             monitors_by_name(stream_settings(self).monitors)
@@ -286,9 +283,9 @@ class Identifier(NodeOfParts):
         self._disturbance = publisher(WrenchStamped, topics.DISTURBANCE, qos.DISTURBANCE)
         force, pulses = (self.resolve_topic_name(name) for name in (topics.FORCE, topics.PULSES))
         self._diagnostics = DiagnosticsPublisher(self, 'identification', f'sensor of {force}')
-        self._hearing = self.second_node()
-        self._pulses = Ear(self, self._hearing, PulseMessage, topics.PULSES, qos.PULSES)
-        self._force = Ear(self, self._hearing, WrenchStamped, topics.FORCE, qos.FORCE)
+        self._listener = self.second_node()
+        self._pulses = QueuedTopic(self, self._listener, PulseMessage, topics.PULSES, qos.PULSES)
+        self._force = QueuedTopic(self, self._listener, WrenchStamped, topics.FORCE, qos.FORCE)
         self._sensor_frame = ''
         self._senders = Publishers(self)
         for name, act in (('reset', self._reset), ('hold', self._hold), ('resume', self._resume)):
@@ -407,6 +404,5 @@ class Identifier(NodeOfParts):
         self._diagnostics.publish(health)
 
 
-def main() -> int:
-    """Run the identifier as a process."""
-    return run(Identifier)
+# Runs the identifier as a process.
+main = partial(run, Identifier)

@@ -22,6 +22,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -37,15 +38,15 @@ from rpms_ros.axis import FORCE, UNITS, Axis, unit_vector
 from rpms_ros.errors import MessageError, NodeError
 from rpms_ros.live import session as shown
 from rpms_ros.live.force_course import forces_of, warm_up
-from rpms_ros.live.heard import Publisher, Topic
 from rpms_ros.live.server import Access, LiveServer, token_of
 from rpms_ros.live.session import LiveSession
+from rpms_ros.live.topic_health import Publisher, Topic
 from rpms_ros.nodes.common import qos, topics
 from rpms_ros.nodes.common.diagnostics import PERIOD_S, logger_of
-from rpms_ros.nodes.common.hearing import drained, taken_from
 from rpms_ros.nodes.common.operator import ButtonPublisher
 from rpms_ros.nodes.common.parameters import NodeParameters, declare_parameters, parameter
 from rpms_ros.nodes.common.runner import NodeOfParts, every, run
+from rpms_ros.nodes.common.subscriptions import drained, queued_subscription
 
 _Data = TypeVar('_Data', bytes, list[bytes])
 
@@ -85,7 +86,7 @@ class LiveListener:
         self._session, self._axis, self._quantity = session, axis, quantity
         self._node = node.second_node()
         self._subscriptions = {
-            key: taken_from(self._node, kind, session.topics[key].name, qos.VIEW)
+            key: queued_subscription(self._node, kind, session.topics[key].name, qos.VIEW)
             for key, (_, kind, _) in TYPES.items()
         }
         self._unread: list[bytes] = []
@@ -394,6 +395,5 @@ def serve(
     return run(build, ['rpms live'])
 
 
-def main() -> int:
-    """Run the live page as a process."""
-    return run(LivePage)
+# Runs the live page as a process.
+main = partial(run, LivePage)

@@ -9,6 +9,7 @@ stops.
 
 import time
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -188,6 +189,5 @@ class OperatorConsole(NodeOfParts):
         self._enable(self._is_enabled(now_ns))
 
 
-def main() -> int:
-    """Run the operator's console as a process."""
-    return run(OperatorConsole)
+# Runs the operator's console as a process.
+main = partial(run, OperatorConsole)

@@ -8,6 +8,7 @@ tick delays samples but does not lose them or change their stamps.
 """
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
@@ -162,6 +163,5 @@ def _warm_up(settings: PlantParameters) -> None:
     plant.sample(1)
 
 
-def main() -> int:
-    """Run the plant simulator as a process."""
-    return run(PlantSimulator)
+# Runs the plant simulator as a process.
+main = partial(run, PlantSimulator)

@@ -16,6 +16,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
@@ -36,9 +37,9 @@ from rpms_msgs.msg import AcceptedSchedule, DriverStatus, MuscleEstimate, Muscle
 from rpms_ros.errors import NodeError, RecordingError
 from rpms_ros.nodes.common import qos, topics
 from rpms_ros.nodes.common.diagnostics import PERIOD_S, DiagnosticsPublisher, Health, logger_of
-from rpms_ros.nodes.common.hearing import Ear
 from rpms_ros.nodes.common.parameters import NodeParameters, declare_parameters, parameter
 from rpms_ros.nodes.common.runner import NodeOfParts, every, run
+from rpms_ros.nodes.common.subscriptions import QueuedTopic
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.recording import RecordingWriter
 from rpms_ros.recording.rosbag.verifying import LOST_KEY, PUBLISHERS_KEY
@@ -126,7 +127,7 @@ class _Topic:
 
     name: str
     kind: Any
-    ear: Ear
+    ear: QueuedTopic
     number: int | None = None
     """In the recording, once a message has come."""
     most_publishers: int = 0
@@ -163,7 +164,7 @@ class Recorder(NodeOfParts):
         )
         for name in self.counts:
             kind, profile = _TOPICS[name]
-            self._topics[name] = _Topic(name, kind, Ear(self, second, kind, name, profile))
+            self._topics[name] = _Topic(name, kind, QueuedTopic(self, second, kind, name, profile))
         every(self, _LISTENING_PERIOD, self._take)
         every(self, FLUSH_PERIOD_S, self._flush)
         every(self, PERIOD_S, self._report)
@@ -262,6 +263,5 @@ class Recorder(NodeOfParts):
         logger_of(self).info(f'closed {self.path}: {sum(self.counts.values())} messages')
 
 
-def main() -> int:
-    """Run the recorder as a process."""
-    return run(Recorder)
+# Runs the recorder as a process.
+main = partial(run, Recorder)

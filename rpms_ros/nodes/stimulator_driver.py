@@ -52,7 +52,7 @@ from rpms_ros.stimulation.driver.controller import ControllerThreads, Stimulatio
 from rpms_ros.stimulation.driver.safety_monitor import EXECUTOR, SensorLife
 from rpms_ros.stimulation.driver.states import POSSIBLE, State
 from rpms_ros.stimulation.driver.stop_buttons import StopButtons
-from rpms_ros.stimulation.limits.limits import Refused
+from rpms_ros.stimulation.limits.limiter import Refused
 
 _LABELS: dict[int, str] = {
     getattr(Transition, name): name.removeprefix('TRANSITION_').lower()

@@ -7,6 +7,7 @@ Any key presses it, ``r`` releases it.  A lost terminal or joystick counts as pr
 
 import time
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from sensor_msgs.msg import Joy
@@ -105,6 +106,5 @@ class StopButton(NodeOfParts):
         self._say()
 
 
-def main() -> int:
-    """Run the stop button as a process."""
-    return run(StopButton)
+# Runs the stop button as a process.
+main = partial(run, StopButton)

@@ -30,7 +30,6 @@ MEANING_OF_CHANGE = {
     'gain': 'the force of all intensities changed alike: the muscle, or the angle of the joint',
     'thresholds': 'other intensities are needed than before: the coil probably moved',
     'dynamics': 'the response to a pulse has another shape',
-    'baseline': 'the force at rest jumped: the sensor or the posture, not the muscle',
 }
 _UNNAMED = 'the force no longer fits the muscle before; the kind of the change is not determined'
 
@@ -352,8 +351,6 @@ def _told(change: Change, lasted: bool, course: Course) -> str:
             f'Something {at} looked like another muscle, but thresholds, twitch and '
             f'{_what(course)} were the same afterwards: an effort, a spasm or a bump, say.'
         )
-    if change.kind == 'baseline':
-        return f'The {_what(course)} at rest jumped {at}, which is not the muscle.'
     begin = {
         'thresholds': f'The coil probably moved {at}',
         'gain': f'The {_what(course)} of all intensities changed {at}',

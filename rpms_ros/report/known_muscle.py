@@ -9,6 +9,7 @@ one, or from the simulation itself.  It is never part of a result.
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -59,8 +60,7 @@ class Judgement:
         return f'{text}.'
 
 
-@dataclass(frozen=True)
-class KnownMuscle:
+class KnownMuscle(NamedTuple):
     """A simulated muscle over a session; between its times values are interpolated.
 
     Attributes

@@ -31,8 +31,8 @@ from rpms_ros.identification.analysis.dynamics import (
 )
 from rpms_ros.identification.catalogue import estimator_by_name
 from rpms_ros.identification.estimation.prior import FittedMuscle, warm_start
+from rpms_ros.identification.model.history_law import TemporalSummation
 from rpms_ros.identification.model.settings import PEOPLE_PRESET
-from rpms_ros.identification.model.summation import TemporalSummation
 from rpms_ros.identification.quality.doubts import NO_CONSTANT_MUSCLE
 from rpms_ros.identification.quality.explained_force import (
     Stated,

@@ -48,7 +48,7 @@ _ADVICE = (
     ('a muscle only pulls', 'Identify again with --estimator batch, which uses all data.'),
     ('force_clipped', 'Use a larger range of the sensor, or lower intensities.'),
     (
-        'the muscle changed',
+        'no_constant_muscle',
         'Identify again with --estimator tracking, which follows a muscle that changes.',
     ),
     ('not white', 'Look at the force below: the patient may have tensed, or the coil moved.'),
@@ -57,7 +57,10 @@ _ADVICE = (
     ('threshold', 'Use intensities around the threshold too: `rpms protocol` makes schedules.'),
     ('is known only as', 'Stimulate longer, or use random intensities up to the highest.'),
     ('force_unexplained', 'Look where the residual is largest: effort, spasm or a moved coil.'),
-    ('explains', 'Identify again with --estimator batch, and look at the force below.'),
+    (
+        'identified muscle explains',
+        'Identify again with --estimator batch, and look at the force below.',
+    ),
 )
 _NO_CURVE = 'For a recruitment curve, stimulate with several intensities.'
 _USE = 'Use the curve. Keep coil and sensor where they are for the next session.'

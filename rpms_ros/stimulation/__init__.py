@@ -3,55 +3,34 @@
 """Stimulation: pulses, schedules, limits, coil energy, devices and the stop."""
 
 from rpms_ros.stimulation.schedule.description import (
-    SEGMENT_KINDS,
-    load_schedule,
-    schedule_from_mapping,
-    schedule_from_text,
-    schedule_to_mapping,
-    schedule_to_text,
+    SEGMENT_KINDS as SEGMENT_KINDS,
+    load_schedule as load_schedule,
+    schedule_from_mapping as schedule_from_mapping,
+    schedule_from_text as schedule_from_text,
+    schedule_to_mapping as schedule_to_mapping,
+    schedule_to_text as schedule_to_text,
 )
-from rpms_ros.stimulation.schedule.fields import DescriptionError
+from rpms_ros.stimulation.schedule.fields import DescriptionError as DescriptionError
 from rpms_ros.stimulation.schedule.protocols import (
-    constant,
-    paper_random,
-    paper_sinusoid,
-    staircase,
+    constant as constant,
+    paper_random as paper_random,
+    paper_sinusoid as paper_sinusoid,
+    staircase as staircase,
 )
-from rpms_ros.stimulation.schedule.schedule import Pause, Plan, Repeat, Schedule, Segment
+from rpms_ros.stimulation.schedule.schedule import (
+    Pause as Pause,
+    Plan as Plan,
+    Repeat as Repeat,
+    Schedule as Schedule,
+    Segment as Segment,
+)
 from rpms_ros.stimulation.schedule.segments import (
-    Constant,
-    Doublet,
-    PulseBurst,
-    Ramp,
-    Single,
-    Sinusoid,
-    Staircase,
-    UniformRandom,
+    Constant as Constant,
+    Doublet as Doublet,
+    PulseBurst as PulseBurst,
+    Ramp as Ramp,
+    Single as Single,
+    Sinusoid as Sinusoid,
+    Staircase as Staircase,
+    UniformRandom as UniformRandom,
 )
-
-__all__ = [
-    'SEGMENT_KINDS',
-    'Constant',
-    'DescriptionError',
-    'Doublet',
-    'Pause',
-    'Plan',
-    'PulseBurst',
-    'Ramp',
-    'Repeat',
-    'Schedule',
-    'Segment',
-    'Single',
-    'Sinusoid',
-    'Staircase',
-    'UniformRandom',
-    'constant',
-    'load_schedule',
-    'paper_random',
-    'paper_sinusoid',
-    'schedule_from_mapping',
-    'schedule_from_text',
-    'schedule_to_mapping',
-    'schedule_to_text',
-    'staircase',
-]

@@ -7,7 +7,7 @@ from contextlib import closing
 
 import pytest
 
-from rpms_ros.stimulation.limits.limits import BookedPulse
+from rpms_ros.stimulation.limits.limiter import BookedPulse
 from rpms_ros.stimulation.records.append_only import AUDIT_LOG, ChainedFile
 from rpms_ros.stimulation.records.dose_ledger import DoseLedger
 

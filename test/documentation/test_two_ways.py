@@ -24,7 +24,7 @@ from rpms_msgs.msg import MuscleEstimate, Pulse, Schedule, ScheduleSegment
 from rpms_ros.nodes.common import qos, topics
 from rpms_ros.nodes.identifier import Identifier
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
-from rpms_ros.stimulation.devices.serial_line import SerialDevice
+from rpms_ros.stimulation.devices.rapid2 import SerialDevice
 
 PACKAGE = f'{Path(rpms_ros.__file__).parent}/'
 PAGE = (Path(__file__).parents[2] / 'CONTRIBUTING.md').read_text(encoding='utf-8')

@@ -144,7 +144,7 @@ def test_tracking_with_a_preset_has_its_start_and_keeps_its_functions(preset, st
 def test_presets_by_name():
     assert settings_by_name('paper_table_4') is TABLE_4
     assert settings_by_name('paper_table_5') is TABLE_5
-    with pytest.raises(IdentificationError, match=r"expected a preset of people, .* got 'x'"):
+    with pytest.raises(IdentificationError, match=r"expected one of paper_table_4, .* got 'x'"):
         settings_by_name('x')
 
 

@@ -9,7 +9,11 @@ import numpy as np
 import pytest
 
 from rpms_ros.identification import FixedSizeRecursion, StreamSettings, estimator_by_name, identify
-from rpms_ros.identification.estimation.statement import PHYSIOLOGY_NAMES, PRIOR, TwitchReader
+from rpms_ros.identification.estimation.estimate_builder import (
+    PHYSIOLOGY_NAMES,
+    PRIOR,
+    TwitchReader,
+)
 from rpms_ros.identification.model.basis import LaguerreBasis
 from rpms_ros.identification.quality.doubts import REASON, RESPONSE_MISFIT, ResponseMisfit
 from rpms_ros.identification.quality.explained_force import (

@@ -45,7 +45,7 @@ def cost_of(problem, theta):
 
 
 @register_jitable
-def linearise(problem, here, _ready, hessian, gradient):
+def linearise(problem, here, hessian, gradient):
     shape = np.exp(-here.theta[1] * problem.time)
     residual = problem.data - here.theta[0] * shape
     slope = -here.theta[0] * problem.time * shape
@@ -80,7 +80,7 @@ def fitted(data, start, lower, upper, ending=ENDING):
     here.cost[0] = ((data - start[0] * np.exp(-start[1] * TIME)) ** 2).sum()
     here.energy[0] = (data**2).sum()
     here.damping[0] = 1e-3
-    return trial if fit_decay(problem, here, trial, ending, False) else here
+    return trial if fit_decay(problem, here, trial, ending) else here
 
 
 @pytest.mark.long

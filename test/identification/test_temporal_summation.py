@@ -13,7 +13,7 @@ from rpms_ros.errors import IdentificationError
 from rpms_ros.identification import estimator_by_name
 from rpms_ros.identification.analysis.trains import fit_scaled, fit_train, pulse_twitches
 from rpms_ros.identification.estimation.blocks import PulseDelayLine
-from rpms_ros.identification.model.summation import PulseHistory, TemporalSummation
+from rpms_ros.identification.model.history_law import PulseHistory, TemporalSummation
 from rpms_ros.muscle import twitch
 from rpms_ros.pulses import PulseTrain
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from rpms_ros.live.force_course import BIN_NS, ModelledForce
-from rpms_ros.live.heard import LONGEST_TEXT, MOST_NAMES, Publisher
 from rpms_ros.live.session import Cursor
+from rpms_ros.live.topic_health import LONGEST_TEXT, MOST_NAMES, Publisher
 from rpms_ros.muscle.recruitment import RecruitmentParameters, identified_recruitment
 from rpms_ros.pulses import Pulse
 

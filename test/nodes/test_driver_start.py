@@ -20,8 +20,8 @@ from rpms_ros.nodes.driver.parameters import (
 )
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.stimulation import constant
-from rpms_ros.stimulation.devices.serial_line import SerialDevice
-from rpms_ros.stimulation.limits.limits import BookedPulse
+from rpms_ros.stimulation.devices.rapid2 import SerialDevice
+from rpms_ros.stimulation.limits.limiter import BookedPulse
 
 TRAIN = constant(0.1, 20.0, 10.0)
 
@@ -50,7 +50,7 @@ def theatre(driver_bench, instrument, real, monkeypatch):
             options.port, options.maximum_intensity, timeout_s=5.0, beat_limit_s=20.0
         )
 
-    monkeypatch.setattr('rpms_ros.stimulation.devices.serial_line.build', build)
+    monkeypatch.setattr('rpms_ros.stimulation.devices.rapid2.build', build)
     bench = driver_bench(
         button=True,
         operator='ada',

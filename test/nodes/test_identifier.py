@@ -19,7 +19,7 @@ from rpms_ros import estimate_messages, messages
 from rpms_ros.errors import NodeError
 from rpms_ros.identification import identify
 from rpms_ros.identification.estimation.tracking import TrackingEstimator
-from rpms_ros.identification.model.summation import TemporalSummation
+from rpms_ros.identification.model.history_law import TemporalSummation
 from rpms_ros.muscle import Contraction, simulation_subject
 from rpms_ros.nodes.common import qos
 from rpms_ros.nodes.common.topics import MESSAGE_TYPES
@@ -271,7 +271,7 @@ def test_the_log_says_when_the_estimate_is_not_to_be_trusted(graph, capfd):
         ({'reorder_delay': 0.05}, r'reorder_delay: expected .* 0\.1 .*, got 0\.05'),
         ({'estimator': 'batch'}, 'works on line, got batch, .*: use tracking here'),
         ({'monitors': ('pish',)}, "expected monitors of .*, got 'pish'"),
-        ({'preset': 'table_9'}, "preset: expected a preset of people, .* got 'table_9'"),
+        ({'preset': 'table_9'}, "preset: expected one of people, .* got 'table_9'"),
     ],
 )
 def test_bad_parameters_are_refused(values, message):

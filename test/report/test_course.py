@@ -165,11 +165,6 @@ def test_what_is_the_same_afterwards_is_no_change(made_up, course, kind):
     assert 'looked like another' not in said(0.0, 1.0)
 
 
-def test_a_jump_of_the_baseline_is_not_the_muscle(made_up):
-    jump = {'changes': 1, 'change_kinds': ('baseline',), 'change_ago': np.array([1.0])}
-    assert 'which is not the muscle' in told(made_up, np.full(COUNT, 10.0), **jump)
-
-
 def test_an_estimator_that_takes_the_muscle_for_constant_does_not_tell(made_up):
     text = told(made_up, np.full(COUNT, 10.0), rate_names=(), rate=np.empty(0))
     assert 'assumes a muscle that does not change' in text

@@ -10,7 +10,7 @@ import pytest
 from faulty_device import FaultyDevice
 
 from rpms_ros.stimulation import constant
-from rpms_ros.stimulation.devices.serial_line import SerialDevice
+from rpms_ros.stimulation.devices.rapid2 import SerialDevice
 from rpms_ros.stimulation.driver.controller import ControllerThreads, StimulationController
 from rpms_ros.stimulation.driver.safety_monitor import EMERGENCY_STOP, EXECUTOR, HEARTBEAT
 from rpms_ros.stimulation.driver.states import POSSIBLE, DriverSettings, State

@@ -24,7 +24,7 @@ from rpms_ros.stimulation import Constant, Doublet, Pause, Ramp, Schedule, Unifo
 from rpms_ros.stimulation.devices.registry import DeviceError
 from rpms_ros.stimulation.driver.safety_monitor import EXECUTOR, HEARTBEAT, Refused
 from rpms_ros.stimulation.driver.states import POSSIBLE, State
-from rpms_ros.stimulation.limits.limits import DoseLimits, Limits
+from rpms_ros.stimulation.limits.limiter import DoseLimits, Limits
 from rpms_ros.stimulation.records.dose_ledger import MemoryLedger
 
 SECOND = 1_000_000_000

@@ -10,7 +10,7 @@ from faulty_device import WireTimes
 from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation import Constant, Pause, Schedule, Single, constant
 from rpms_ros.stimulation.driver.states import State
-from rpms_ros.stimulation.limits.limits import Limits
+from rpms_ros.stimulation.limits.limiter import Limits
 
 # 9600 baud, ten bits a byte: setting and its answer 8 bytes, status 6, trigger 3, its answer 3
 WIRE = WireTimes(prepare_s=8.3e-3, keep_alive_s=6.3e-3, trigger_s=3.1e-3, answer_s=3.1e-3)

@@ -10,7 +10,7 @@ import pytest
 from rpms_ros.stimulation import constant
 from rpms_ros.stimulation.driver.safety_monitor import Refused
 from rpms_ros.stimulation.driver.states import State
-from rpms_ros.stimulation.limits.limits import BookedPulse, DoseLimits, LedgerError, Limits
+from rpms_ros.stimulation.limits.limiter import BookedPulse, DoseLimits, LedgerError, Limits
 from rpms_ros.stimulation.records.append_only import AUDIT_LOG, ChainedFile
 from rpms_ros.stimulation.records.clocks import Clocks
 from rpms_ros.stimulation.records.dose_ledger import DoseLedger, MemoryLedger

@@ -9,13 +9,13 @@ import pytest
 
 from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation import Pause, Schedule, Single, constant
-from rpms_ros.stimulation.devices.serial_line import SerialDevice
+from rpms_ros.stimulation.devices.rapid2 import SerialDevice
 from rpms_ros.stimulation.devices.simulated import SimulatedDevice
 from rpms_ros.stimulation.driver.controller import StimulationController
 from rpms_ros.stimulation.driver.safety_monitor import Refused
 from rpms_ros.stimulation.driver.states import Command, DriverSettings, State
 from rpms_ros.stimulation.limits.device_specification import load_device_specification
-from rpms_ros.stimulation.limits.limits import DoseLimits, Limits
+from rpms_ros.stimulation.limits.limiter import DoseLimits, Limits
 from rpms_ros.stimulation.records.dose_ledger import DoseLedger, MemoryLedger
 
 DO = {

@@ -15,7 +15,7 @@ from rpms_ros.stimulation.driver.authority import ProcessLife, host_identity
 from rpms_ros.stimulation.driver.safety_monitor import Halt, Interlocks, Refused, SensorLife
 from rpms_ros.stimulation.driver.states import Command, State
 from rpms_ros.stimulation.driver.stop_buttons import HeldKey, JoystickButton
-from rpms_ros.stimulation.limits.limits import Limits
+from rpms_ros.stimulation.limits.limiter import Limits
 
 SHORT = constant(0.5, 0.5, 20.0)
 SECOND = 1_000_000_000

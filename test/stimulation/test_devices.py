@@ -10,8 +10,8 @@ from rpms_ros.errors import StimulationError
 from rpms_ros.guard import rapid2
 from rpms_ros.guard.rapid2 import framed
 from rpms_ros.stimulation.devices import registry
+from rpms_ros.stimulation.devices.rapid2 import SerialDevice
 from rpms_ros.stimulation.devices.registry import DeviceOptions, TooLate, quantized_down
-from rpms_ros.stimulation.devices.serial_line import SerialDevice
 from rpms_ros.stimulation.devices.simulated import SimulatedDevice
 from rpms_ros.stimulation.limits.device_specification import load_device_specification
 

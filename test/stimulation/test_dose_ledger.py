@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from rpms_ros.stimulation.limits.limits import BookedPulse, DoseExceeded, DoseLimits, LedgerError
+from rpms_ros.stimulation.limits.limiter import BookedPulse, DoseExceeded, DoseLimits, LedgerError
 from rpms_ros.stimulation.records.clocks import EARLIEST_WALL_NS, Clocks
 from rpms_ros.stimulation.records.dose_ledger import DoseLedger, MemoryLedger
 

@@ -29,7 +29,7 @@ from rpms_ros.guard.relay import (
     write,
     write_silence,
 )
-from rpms_ros.stimulation.devices.serial_line import Descriptor, GuardedLine, open_port
+from rpms_ros.stimulation.devices.rapid2 import Descriptor, GuardedLine, open_port
 
 COMMANDS = (b'Q@', b'EA', b'EB', b'EB', b'EH', b'EH', b'EH', b'F@')
 FILLER = b'\x55' * 20_000

@@ -11,7 +11,7 @@ import pytest
 from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation import Pause, Schedule, Single, constant, paper_random, paper_sinusoid
 from rpms_ros.stimulation.limits.forecast import forecast
-from rpms_ros.stimulation.limits.limits import BookedPulse, Limits, PulseLimiter
+from rpms_ros.stimulation.limits.limiter import BookedPulse, Limits, PulseLimiter
 
 WIDTH = 100e-6
 IN_STEP = 'expected as many rate_limits_hz, descending, as rate_intensities, ascending'

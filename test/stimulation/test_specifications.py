@@ -10,7 +10,7 @@ import pytest
 from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation.limits import device_specification, patient as patient_module
 from rpms_ros.stimulation.limits.device_specification import load_device_specification
-from rpms_ros.stimulation.limits.limits import DoseLimits, Limits
+from rpms_ros.stimulation.limits.limiter import DoseLimits, Limits
 from rpms_ros.stimulation.limits.patient import for_session, load_patient
 from rpms_ros.stimulation.schedule.fields import bounded_names
 

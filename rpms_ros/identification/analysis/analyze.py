@@ -195,7 +195,7 @@ class _Analysis:
     def _responses(self, pulses: PulseTrain, artifacts: Artifacts) -> list[Response | str]:
         """Return the response to each group, or why it is not used."""
         # a longer train only repeats itself
-        short = [replace(one, last=min(one.last, one.first + MOST_PULSES)) for one in self.groups]
+        short = [one._replace(last=min(one.last, one.first + MOST_PULSES)) for one in self.groups]
         responses = [cut(self.trace, pulses, artifacts, group) for group in short]
         overlapping: dict[int, str] = {}
         for index, response in enumerate(responses[:-1]):

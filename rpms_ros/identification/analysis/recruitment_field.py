@@ -16,6 +16,7 @@ redundant: seven of the shape, one force, one offset.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
@@ -75,8 +76,7 @@ class SteadyPoint:
     rest_deviation: float = 0.0
 
 
-@dataclass(frozen=True)
-class Baseline:
+class Baseline(NamedTuple):
     """Force at rest, between groups of pulses.
 
     Attributes

@@ -12,9 +12,10 @@ stimulator and sensor.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import Enum
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
@@ -49,8 +50,7 @@ class Kind(Enum):
     OVERLAPPING = 'overlapping trains'
 
 
-@dataclass(frozen=True)
-class Level:
+class Level(NamedTuple):
     """Consecutive pulses of one intensity and one rate.
 
     Attributes
@@ -69,8 +69,7 @@ class Level:
     rate_hz: float
 
 
-@dataclass(frozen=True)
-class PulseGroup:
+class PulseGroup(NamedTuple):
     """Pulses without a rest between them.
 
     Attributes
@@ -159,8 +158,7 @@ _RATE_CHANGE = 0.1
 _RATE_BLOCK = 100
 
 
-@dataclass(frozen=True)
-class CleanTrace:
+class CleanTrace(NamedTuple):
     """Force samples in order, with properties of the sensor.
 
     Attributes
@@ -382,7 +380,7 @@ def without_artifacts(trace: CleanTrace, onset_ns: IntArray) -> CleanTrace:
     force = trace.force.copy()
     time = trace.stamp_ns - trace.stamp_ns[0]
     force[touched] = np.interp(time[touched], time[clear], trace.force[clear])
-    return replace(trace, force=force)
+    return trace._replace(force=force)
 
 
 def _reaches(onset_ns: IntArray) -> IntArray:

@@ -3,7 +3,7 @@
 """Analysis of trains as superposed twitches (Eqs. 6 and 7, Figs. 6 to 8).
 
 Three models are fitted to each train: equal pulses, one gain a pulse, and the history law
-(`rpms_ros.identification.model.summation`) behind a series elasticity.  Latency, T_a, gain and
+(`rpms_ros.identification.model.history_law`) behind a series elasticity.  Latency, T_a, gain and
 baseline are each train's own, so the models differ only in the weights of the pulses.  For given
 (latency, T_a) gains and baseline follow from linear equations; a least-squares problem in two
 dimensions remains.
@@ -28,7 +28,7 @@ import scipy  # its parts are loaded when they are asked for
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.analysis.responses import Response
 from rpms_ros.identification.analysis.twitch_fits import Progress, derivatives
-from rpms_ros.identification.model.summation import HistoryLaw
+from rpms_ros.identification.model.history_law import HistoryLaw
 from rpms_ros.muscle import twitch
 from rpms_ros.pulses import FloatArray, IntArray
 from rpms_ros.schema import INTERNAL

@@ -155,11 +155,7 @@ def _measure(twitches: Twitches, shape: SharedShape) -> None:
 
 @register_jitable
 def _linearise(
-    _twitches: Twitches,
-    shape: SharedShape,
-    _ready: bool,
-    hessian: FloatArray,
-    gradient: FloatArray,
+    _twitches: Twitches, shape: SharedShape, hessian: FloatArray, gradient: FloatArray
 ) -> bool:
     hessian[:] = shape.normal
     gradient[:] = shape.slope
@@ -218,7 +214,7 @@ def shared_fit(
     rows = np.empty((len(lag), 5))
     shape, trial = _begin(twitches, start[:2], rows), _begin(twitches, start[:2], rows)
     _measure(twitches, shape)
-    return trial if _minimise(twitches, shape, trial, _ENDING, True) else shape
+    return trial if _minimise(twitches, shape, trial, _ENDING) else shape
 
 
 @numba.njit(cache=True, nogil=True)

@@ -162,10 +162,7 @@ class TwitchAnalysis:
 
 
 def analyze_twitches(
-    responses: Sequence[Response],
-    rejected: Mapping[str, int],
-    sample_period: float,
-    progress: Progress = lambda *_: None,
+    responses: Sequence[Response], rejected: Mapping[str, int], period: float, progress: Progress
 ) -> TwitchAnalysis | str:
     """Analyse responses to single pulses; return a sentence if none qualifies.
 
@@ -175,7 +172,7 @@ def analyze_twitches(
         Those whose samples are complete.
     rejected : mapping of str to int
         Those that were not, by reason.
-    sample_period : float
+    period : float
         Time between samples [s].
     progress : callable
         Called with the number of twitches done and of all.
@@ -192,7 +189,7 @@ def analyze_twitches(
         fits.column(column, choice.order) for column in (ONSET, CONSTANT, PEAK)
     )
     marked = any(np.isfinite(item.artifact) for item in good)
-    crossing = np.array([crossing_latency(item, sample_period, marked) for item in good])
+    crossing = np.array([crossing_latency(item, period, marked) for item in good])
     evidence = fits.intensity, reasons
     reference = 'artifact' if marked else 'stamp'
     return TwitchAnalysis(

@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from statistics import fmean
+from typing import NamedTuple
 
 import numpy as np
 
@@ -86,8 +87,7 @@ def neighbours(basis: LaguerreBasis) -> list[LaguerreBasis]:
     return [one for one in found if one != basis]
 
 
-@dataclass(frozen=True)
-class BasisFit:
+class BasisFit(NamedTuple):
     """How well a basis explains the samples.
 
     Attributes
@@ -255,7 +255,7 @@ class BasisChoice:
         """
         present, window = self.fit, self.window
         theta, functions = present.point.theta, len(present.point.linear)
-        problem, _, _ = raw.condensed(basis, theta, np.zeros(functions), window.first_ns)
+        problem, *_ = raw.condensed(basis, theta, np.zeros(functions), window.first_ns)
         blocks, first = problem.blocks, problem.first
         nothing = fresh_fit(theta, functions)
         if int(blocks.size[0]) < 2:

@@ -253,7 +253,7 @@ class BatchEstimator(ProjectionEstimator):
         # a search everywhere is one anew: the basis of few samples has no right of its own
         present = self.settings.basis if everywhere else self._basis
         theta, nothing = self._window.point.theta, np.zeros(present.functions)
-        problem, _, _ = self._raw.condensed(present, theta, nothing, first_ns)
+        problem, *_ = self._raw.condensed(present, theta, nothing, first_ns)
         samples = problem.blocks.moments[problem.first : int(problem.blocks.size[0]), COUNT].sum()
         if samples < _LEAST_SAMPLES:
             return False

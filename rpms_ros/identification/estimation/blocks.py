@@ -16,7 +16,7 @@ import numba
 import numpy as np
 
 from rpms_ros.identification.model.basis import transition_generator
-from rpms_ros.identification.model.summation import PulseHistory, TemporalSummation
+from rpms_ros.identification.model.history_law import PulseHistory, TemporalSummation
 from rpms_ros.muscle.recruitment import RateRecruitment
 from rpms_ros.pulses import FloatArray, IntArray, nanoseconds
 

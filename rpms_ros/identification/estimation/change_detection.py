@@ -24,8 +24,7 @@ declared where the best explanation beats "nothing changed" by `DECISION`: under
 
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from types import MappingProxyType
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -65,18 +64,12 @@ _RESTLESS, _GOES_ON = 0.002, 1.5
 _JUMP = 0.5
 # Largest mean square residual, relative to the noise, of samples that are explained.
 _EXPLAINED = 1.25
-NOTHING, GAIN, THRESHOLDS, DYNAMICS, BASELINE = (
-    'nothing',
-    'gain',
-    'thresholds',
-    'dynamics',
-    'baseline',
-)
+NOTHING, BASELINE = 'nothing', 'baseline'
+GAIN, THRESHOLDS, DYNAMICS = 'gain', 'thresholds', 'dynamics'
 MUSCLE = (GAIN, THRESHOLDS, DYNAMICS)
 
 
-@dataclass(frozen=True)
-class Snapshot:
+class Snapshot(NamedTuple):
     """The fit at a time.
 
     Attributes
@@ -120,8 +113,23 @@ def snapshot(fit: WindowFit, stamp_ns: int) -> Snapshot:
     )
 
 
-@dataclass(frozen=True)
-class Explanation:
+class Alert(NamedTuple):
+    """Sizes of the newest a-priori errors and forces.
+
+    Attributes
+    ----------
+    error, force : float
+        Mean squares over the last second [N^2].
+    samples : float
+        Number of these samples.
+    """
+
+    error: float
+    force: float
+    samples: float
+
+
+class Explanation(NamedTuple):
     """A way to explain the samples after a snapshot."""
 
     kind: str
@@ -250,37 +258,37 @@ def quiet(one: Explanation, disturbance: int) -> bool:
 
 
 def compare_hypotheses(
-    problem: Problem,
-    before: Snapshot,
-    knowledge: Knowledge,
-    window: Window,
-    force: float,
-    doubted: bool = True,
+    problem: Problem, before: Snapshot, window: Window, prior: Knowledge, alert: Alert, named: bool
 ) -> Mapping[str, Explanation]:
-    """Return the explanations of a window by kind, each with its odds against no change.
+    """Return the explanations of what follows a snapshot by kind, with odds against no change.
 
-    While it is `doubted` that the muscle has changed, no change of the muscle is tried if a
-    disturbance or the baseline explains the samples.
+    While no change is `named`, no change of the muscle is tried if a disturbance or the baseline
+    explains the samples.  Empty if there are too few.
     """
+    first = first_block_after(problem, before.stamp_ns)
+    if first >= int(problem.blocks.size[0]) - 2:
+        return {}
+    blocks = problem.blocks
+    start_ns = int(blocks.start_ns[(int(blocks.head[0]) + first) % len(blocks.start_ns)])
+    problem = problem._replace(first=first)
+    span = replace(window.without_past, first_ns=start_ns, origin=origin_of(before))
+    force = float(np.sqrt(alert.force)) + 1e-9
     now = before.fit.scales.lively
     lively = len(LIVELINESS) - 2
     found: dict[str, Explanation] = {}
     for kind in (NOTHING, BASELINE, *MUSCLE):
-        if doubted and kind in MUSCLE and any(quiet(one, now) for one in found.values()):
+        if not named and kind in MUSCLE and any(quiet(one, now) for one in found.values()):
             break
-        best: Explanation | None = None
-        for disturbance in sorted({now, lively}):
-            other = explain(problem, before, knowledge, window, kind, disturbance, force)
-            if other is not None and (best is None or other.odds > best.odds):
-                best = other
-        if best is not None:
-            found[kind] = best
+        tried = [
+            explain(problem, before, prior, span, kind, disturbance, force)
+            for disturbance in sorted({now, lively})
+        ]
+        if explained := [one for one in tried if one is not None]:
+            found[kind] = max(explained, key=lambda one: one.odds)
     if NOTHING not in found:
-        return MappingProxyType({})
+        return {}
     base = found[NOTHING].odds
-    return MappingProxyType(
-        {kind: replace(one, odds=one.odds - base) for kind, one in found.items()}
-    )
+    return {kind: one._replace(odds=one.odds - base) for kind, one in found.items()}
 
 
 _DELIBERATION_NS = 500_000_000
@@ -301,24 +309,7 @@ _RENAMED = 3.0
 _REMEMBERED = 10
 
 
-class Alert(NamedTuple):
-    """Sizes of the newest a-priori errors and forces.
-
-    Attributes
-    ----------
-    error, force : float
-        Mean squares over the last second [N^2].
-    samples : float
-        Number of these samples.
-    """
-
-    error: float
-    force: float
-    samples: float
-
-
-@dataclass(frozen=True)
-class FoundChange:
+class FoundChange(NamedTuple):
     """A sudden change of the muscle that was found.
 
     Attributes
@@ -365,10 +356,6 @@ class ChangeWatch:
         self._snapshots.clear()
         self._alarm_ns = None
         self._named = None
-
-    def forget_times(self) -> None:
-        """Forget when changes were: the clock has jumped.  How many there were stays."""
-        self.found.clear()
 
     def look(
         self, problem: Problem, window: Window, fit: WindowFit, prior: Knowledge, alert: Alert
@@ -417,7 +404,7 @@ class ChangeWatch:
         for before in list(self._snapshots)[-_CANDIDATES:][::-stride]:
             if before.stamp_ns < window.first_ns + _LEAST_KNOWN_NS:
                 continue
-            found = _explanations(problem, before, window, prior, alert)
+            found = compare_hypotheses(problem, before, window, prior, alert, named=False)
             if explained < _NEWEST and NOTHING in found:
                 if not quiet(found[NOTHING], before.fit.scales.lively):
                     explained = _NEWEST
@@ -437,14 +424,14 @@ class ChangeWatch:
         if window.now_ns - named.before.stamp_ns > _NAMING_NS:
             self._named = None
             return None
-        found = _explanations(problem, named.before, window, prior, alert, doubted=False)
+        found = compare_hypotheses(problem, named.before, window, prior, alert, named=True)
         best = _of_muscle(found)
         if best is None or best.kind == named.kind or named.kind not in found:
             return None
         if found[best.kind].odds < found[named.kind].odds + _RENAMED:
             return None
         self._named = best
-        self.found[-1] = replace(self.found[-1], kind=best.kind)
+        self.found[-1] = self.found[-1]._replace(kind=best.kind)
         return best
 
 
@@ -459,24 +446,6 @@ def origin_of(before: Snapshot) -> Origin:
     return Origin(before.stamp_ns + 1, before.point.theta, before.point.linear)
 
 
-def _explanations(
-    problem: Problem,
-    before: Snapshot,
-    window: Window,
-    prior: Knowledge,
-    alert: Alert,
-    doubted: bool = True,
-) -> Mapping[str, Explanation]:
-    first = first_block_after(problem, before.stamp_ns)
-    if first >= int(problem.blocks.size[0]) - 2:
-        return {}
-    blocks = problem.blocks
-    start_ns = int(blocks.start_ns[(int(blocks.head[0]) + first) % len(blocks.start_ns)])
-    span = replace(window.without_past, first_ns=start_ns, origin=origin_of(before))
-    force = float(np.sqrt(alert.force)) + 1e-9
-    return compare_hypotheses(problem._replace(first=first), before, prior, span, force, doubted)
-
-
 def _of_muscle(found: Mapping[str, Explanation]) -> Explanation | None:
     """Return the best explanation by a change of the muscle, its odds against all others."""
     others = [one.odds for kind, one in found.items() if kind not in MUSCLE]
@@ -484,4 +453,4 @@ def _of_muscle(found: Mapping[str, Explanation]) -> Explanation | None:
     if not others or not changes:
         return None
     best = max(changes, key=lambda one: one.odds)
-    return replace(best, odds=best.odds - max(others))
+    return best._replace(odds=best.odds - max(others))

@@ -15,6 +15,14 @@ from rpms_ros.identification.estimation.blocks import (
     empty_blocks,
     ring_order,
 )
+from rpms_ros.identification.estimation.estimate_builder import (
+    Counters,
+    EstimateBuilder,
+    Muscle,
+    ResidualSums,
+    condition_number,
+    nearest_arctangents,
+)
 from rpms_ros.identification.estimation.intake import (
     Predictor,
     RawSamples,
@@ -26,18 +34,9 @@ from rpms_ros.identification.estimation.intake import (
 )
 from rpms_ros.identification.estimation.prior import FittedMuscle, Knowledge, knowledge_of
 from rpms_ros.identification.estimation.settings import Baseline, Problem, ProjectionSettings
-from rpms_ros.identification.estimation.statement import (
-    Counters,
-    EstimateBuilder,
-    Muscle,
-    ResidualSums,
-    condition_number,
-    nearest_arctangents,
-)
 from rpms_ros.identification.estimation.window_fit import INTERVAL_NS, fresh_fit
 from rpms_ros.identification.model.basis import LaguerreBasis
 from rpms_ros.identification.model.estimate import (
-    DEFAULT_RATE,
     SMALLEST_INTENSITY_SPAN,
     Estimate,
     recruiting_range,
@@ -70,10 +69,7 @@ class ProjectionEstimator:
     on_line = True
 
     def __init__(
-        self,
-        settings: ProjectionSettings | None,
-        rate_hz: float = DEFAULT_RATE,
-        capacity: int = 64,
+        self, settings: ProjectionSettings | None, rate_hz: float, capacity: int = 64
     ) -> None:
         check_number(IdentificationError, 'repetition rate', rate_hz, 0, above=True, unit='Hz')
         self.settings = settings if settings is not None else ProjectionSettings()
@@ -190,7 +186,7 @@ class ProjectionEstimator:
         self, basis: LaguerreBasis, first_ns: int, capacity: int, linear: FloatArray
     ) -> None:
         """Put samples from `first_ns` on into blocks of another basis, where w is `linear`."""
-        problem, intake, pending = self._raw.condensed(
+        problem, intake, pending, _ = self._raw.condensed(
             basis, self._window.point.theta, linear, first_ns, capacity
         )
         self._problem = problem._replace(baseline=self._problem.baseline)

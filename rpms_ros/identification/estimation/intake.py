@@ -88,17 +88,11 @@ class Intake(NamedTuple):
 
 def fresh_intake(functions: int) -> Intake:
     """Return an intake before its first sample."""
-    state, response, values = np.zeros((3, functions))
     return Intake(
-        state=state,
-        response=response,
-        values=values,
-        error_energy=np.zeros(1),
-        force_energy=np.zeros(1),
-        recent=np.zeros(1),
-        learnt=np.zeros(1),
         fresh=np.ones(1),
         previous_ns=np.zeros(1, dtype=np.int64),
+        **{name: np.zeros(functions) for name in ('state', 'response', 'values')},
+        **{name: np.zeros(1) for name in ('error_energy', 'force_energy', 'recent', 'learnt')},
     )
 
 
@@ -143,17 +137,14 @@ def squared_recruitment(problem: Problem, theta: FloatArray) -> float:
 
 @numba.njit(cache=True)
 def count_energy(
-    error_energy: FloatArray,
-    force_energy: FloatArray,
-    previous_ns: IntArray,
-    stamp_ns: int,
-    error: float,
-    force: float,
+    energies: tuple[FloatArray, FloatArray, IntArray], stamp_ns: int, error: float, force: float
 ) -> float:
     """Add the squares of an a-priori error and of a force [N] to the decaying sums (1,).
 
-    Returns what is left of what was counted until the sample before.
+    `energies` are those of the errors and of the force, and the stamp of the sample before (1,).
+    Returns what is left of what was counted until then.
     """
+    error_energy, force_energy, previous_ns = energies
     since = min(max(1e-9 * (stamp_ns - previous_ns[0]), 0.0), 100.0)
     decay = math.exp(-since / OUTPUT_ERROR_TIME)
     previous_ns[0] = stamp_ns
@@ -200,8 +191,9 @@ def add_samples(
         prediction[index] = predicted
         if not usable[index]:
             continue
-        measured, energy = force[index], (intake.error_energy, intake.force_energy)
-        decay = count_energy(*energy, intake.previous_ns, stamp, measured - predicted, measured)
+        measured = force[index]
+        energies = intake.error_energy, intake.force_energy, intake.previous_ns
+        decay = count_energy(energies, stamp, measured - predicted, measured)
         intake.recent[0] = decay * intake.recent[0] + 1.0
         intake.learnt[0] += 1.0
         add_sample(blocks, here, tau, measured, intake.values)
@@ -352,7 +344,7 @@ class RawSamples:
         linear: FloatArray,
         first_ns: int,
         capacity: int | None = None,
-    ) -> tuple[Problem, Intake, int]:
+    ) -> tuple[Problem, Intake, int, FloatArray]:
         """Return the blocks of another basis, from a time on.
 
         Parameters
@@ -369,11 +361,35 @@ class RawSamples:
         Returns
         -------
         tuple
-            Problem, intake at the newest sample, and how many pulses have not begun to act.
+            Problem, intake at the newest sample, how many pulses have not begun to act, and the
+            force of the muscle at the samples [N] (samples,).
         """
+        low = int(np.searchsorted(self._stamp_ns[: self._size], first_ns))
+        stamp_ns, force = self._stamp_ns[low : self._size], self._force[low : self._size]
+        memory_ns = round(basis.duration * NANOSECONDS_PER_SECOND)
+        onset_ns = self._onset_ns[: self._pulses]
+        pulse = int(np.searchsorted(onset_ns, first_ns - memory_ns))
+        begin_ns = onset_ns[pulse:] + round(basis.latency * NANOSECONDS_PER_SECOND)
+        span_ns = int(stamp_ns[-1] - stamp_ns[0]) if len(stamp_ns) else 0
+        need = len(begin_ns) + span_ns // 200_000_000 + 8
+        functions = basis.functions
+        problem = Problem(
+            blocks=empty_blocks(max(need, capacity or 0), functions),
+            first=0,
+            input_gain=basis.input_gain,
+            baseline=Baseline(first_ns, NANOSECONDS_PER_SECOND),
+        )
         muscle = Predictor(theta, linear, np.zeros(2))
-        problem, intake, pending, _ = self._into_blocks(basis, muscle, first_ns, capacity)
-        return problem, intake, pending
+        intake, usable = fresh_intake(functions), np.ones(len(stamp_ns), dtype=np.bool_)
+        here, rate = slice(pulse, self._pulses), 2.0 / basis.time_constant
+        pending = PendingPulses(begin_ns, self._intensity[here], self._weight[here])
+        begun, prediction = add_samples(
+            stamp_ns, force, usable, pending, problem, intake, muscle, rate
+        )
+        size = int(problem.blocks.size[0])
+        first = int(np.searchsorted(problem.blocks.start_ns[:size], first_ns))
+        problem = problem._replace(first=min(first, max(size - 1, 0)))
+        return problem, intake, len(begin_ns) - begun, prediction
 
     def rest(
         self, basis: LaguerreBasis, theta: FloatArray, linear: FloatArray, first_ns: int = -(2**62)
@@ -394,8 +410,7 @@ class RawSamples:
         force = self._measured[low : self._size]
         if not len(stamp_ns):
             return stamp_ns, force, force
-        muscle = Predictor(theta, linear, np.zeros(2))
-        predicted = self._into_blocks(basis, muscle, int(stamp_ns[0]), None)[-1]
+        predicted = self.condensed(basis, theta, linear, int(stamp_ns[0]))[-1]
         return stamp_ns, force, force - predicted
 
     def without(self, hertz: float, rest: FloatArray) -> 'RawSamples':
@@ -423,36 +438,6 @@ class RawSamples:
             found = np.linalg.lstsq(np.hstack((wave, slow)), rest[first:last], rcond=None)[0]
             result._force[first:last] = self._measured[first:last] - wave @ found[:2]
         return result
-
-    def _into_blocks(
-        self, basis: LaguerreBasis, muscle: Predictor, first_ns: int, capacity: int | None
-    ) -> tuple[Problem, Intake, int, FloatArray]:
-        """See `condensed`; and the force of the muscle at the samples."""
-        low = int(np.searchsorted(self._stamp_ns[: self._size], first_ns))
-        stamp_ns, force = self._stamp_ns[low : self._size], self._force[low : self._size]
-        memory_ns = round(basis.duration * NANOSECONDS_PER_SECOND)
-        onset_ns = self._onset_ns[: self._pulses]
-        pulse = int(np.searchsorted(onset_ns, first_ns - memory_ns))
-        begin_ns = onset_ns[pulse:] + round(basis.latency * NANOSECONDS_PER_SECOND)
-        span_ns = int(stamp_ns[-1] - stamp_ns[0]) if len(stamp_ns) else 0
-        need = len(begin_ns) + span_ns // 200_000_000 + 8
-        functions = basis.functions
-        problem = Problem(
-            blocks=empty_blocks(max(need, capacity or 0), functions),
-            first=0,
-            input_gain=basis.input_gain,
-            baseline=Baseline(first_ns, NANOSECONDS_PER_SECOND),
-        )
-        intake, usable = fresh_intake(functions), np.ones(len(stamp_ns), dtype=np.bool_)
-        here, rate = slice(pulse, self._pulses), 2.0 / basis.time_constant
-        pending = PendingPulses(begin_ns, self._intensity[here], self._weight[here])
-        begun, prediction = add_samples(
-            stamp_ns, force, usable, pending, problem, intake, muscle, rate
-        )
-        size = int(problem.blocks.size[0])
-        first = int(np.searchsorted(problem.blocks.start_ns[:size], first_ns))
-        problem = problem._replace(first=min(first, max(size - 1, 0)))
-        return problem, intake, len(begin_ns) - begun, prediction
 
 
 def _thinned(stamp_ns: IntArray, last_ns: int) -> IntArray:

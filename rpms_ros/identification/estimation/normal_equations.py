@@ -77,13 +77,9 @@ def hat(knot: int, position: float, baseline: Baseline) -> tuple[float, float]:
 
 @numba.njit(cache=True)
 def add_state_terms(
-    gram: FloatArray,
-    response: FloatArray,
-    state: FloatArray,
-    matrix: FloatArray,
-    right: FloatArray,
+    gram: FloatArray, force: FloatArray, state: FloatArray, matrix: FloatArray, right: FloatArray
 ) -> None:
-    """Add X S X^T and X s_y; only the lower triangle of `matrix` is written."""
+    """Add X S X^T and X s_y (`force`); only the lower triangle of `matrix` is written."""
     count = len(state)
     product = np.empty((count, count))
     for row in range(count):
@@ -96,7 +92,7 @@ def add_state_terms(
     for row in range(count):
         total = 0.0
         for shift in range(row + 1):
-            total += state[row - shift] * response[shift, RESPONSE_FORCE]
+            total += state[row - shift] * force[shift]
         right[NONLINEAR + row] += total
         for column in range(row + 1):
             total = 0.0

@@ -14,9 +14,9 @@ import numpy as np
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.estimation.blocks import BlockStatistics
 from rpms_ros.identification.model.basis import LaguerreBasis
+from rpms_ros.identification.model.history_law import TemporalSummation
 from rpms_ros.identification.model.recruitment import NONLINEAR, PARAMETERS, SUMMATION
 from rpms_ros.identification.model.settings import BOUNDS, SIMULATION_START, check_start
-from rpms_ros.identification.model.summation import TemporalSummation
 from rpms_ros.muscle.recruitment import SMALLEST_SEPARATION, RateRecruitment, RecruitmentParameters
 from rpms_ros.pulses import FloatArray
 

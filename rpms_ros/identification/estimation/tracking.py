@@ -102,62 +102,7 @@ _SWING = 0.03
 _SMOOTHED, _LAGS, _LEAST_COMPARED, _EXPLAINED, _FOLLOWED = 2, 6, 160, 0.5, 0.02
 # It is lively where it moves by this share of that force in an interval, in the median: a heart of
 # 2 % and a breath of 3 % do by 1 %, efforts now and then do not.
-_MOVES = 5e-3
-
-
-def described_fit(
-    estimate: Estimate,
-    fit: WindowFit,
-    watch: ChangeWatch,
-    area: FloatArray,
-    tremor: Tremor,
-    problem: Problem,
-) -> Estimate:
-    """Return the estimate with rates, changes, disturbance, doubts and reasons added.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        The muscle now.
-    fit : WindowFit
-        Where the fit of the window stands.
-    watch : ChangeWatch
-        Changes that were found.
-    area : ndarray (functions,)
-        Integrals of the functions [s^1/2].
-    tremor : Tremor
-        What is taken off the samples.
-    problem : Problem
-        Blocks of the window.
-    """
-    names, rate, deviation = _rates(fit, area)
-    half = float(ndtri(0.5 + 0.5 * estimate.confidence)) * deviation
-    rest = float(np.median(fit.levels))
-    full = float(np.abs(estimate.curve_force).max(initial=0.0))
-    follows = follows_intensity(problem, fit, full)
-    newest = fit.first + len(fit.levels) - 1
-    behind = max(estimate.stamp_ns / INTERVAL_NS - newest, 0.0) + 1.0
-    slope = abs(float(np.diff(fit.levels[-2:]).sum()))
-    described = replace(
-        estimate,
-        rate_names=names,
-        rate=rate,
-        rate_lower=rate - half,
-        rate_upper=rate + half,
-        changes=watch.count,
-        change_kinds=tuple(one.kind for one in watch.found),
-        change_ago=np.array([1e-9 * (estimate.stamp_ns - one.stamp_ns) for one in watch.found]),
-        disturbance=float(fit.levels[-1]) - rest,
-        disturbance_deviation=math.hypot(fit.level_deviation, slope * min(behind, 4.0)),
-        reasons=_reasons(estimate, fit, watch.deliberating, tremor),
-    )
-    # neighbouring residuals are alike, and more than the model's own error
-    alike = fit.inflation > _DOUBTED_INFLATION * fit.colour
-    alike = alike and fit.misfit * fit.weighting_variance > 0.5 * fit.variance
-    moves = float(np.median(np.abs(np.diff(fit.levels))))
-    lively = len(fit.levels) > _LEAST_COMPARED // 4 and moves > _MOVES * full
-    doubts = {RESIDUALS_ALIKE: alike, DISTURBANCE_FOLLOWS: follows, DISTURBANCE_LIVELY: lively}
-    return doubted(described, doubts | {NOT_ISOMETRIC: fit.swing > _SWING})
+_LIVELY_SHARE = 5e-3
 
 
 def follows_intensity(problem: Problem, fit: WindowFit, full: float) -> bool:
@@ -470,7 +415,8 @@ class TrackingEstimator(ProjectionEstimator):
         """Drop the pulses that still act; the knowledge of the muscle is kept."""
         super().forget_pulses()
         self._begin_anew()
-        self._watch.forget_times()
+        # when they were; how many there were stays
+        self._watch.found.clear()
         self._schedule.forget()
         self._tremor.forget()
         self._last_ns = None
@@ -504,9 +450,36 @@ class TrackingEstimator(ProjectionEstimator):
         self._from_before = True
 
     def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
-        """Return the present estimate."""
-        found, area = super().estimate(stamp_ns, faults), self._basis.area
-        return described_fit(found, self._window, self._watch, area, self._tremor, self._problem)
+        """Return the present estimate, with rates, changes, disturbance, doubts and reasons."""
+        estimate, fit, watch = super().estimate(stamp_ns, faults), self._window, self._watch
+        names, rate, deviation = _rates(fit, self._basis.area)
+        half = float(ndtri(0.5 + 0.5 * estimate.confidence)) * deviation
+        rest = float(np.median(fit.levels))
+        full = float(np.abs(estimate.curve_force).max(initial=0.0))
+        follows = follows_intensity(self._problem, fit, full)
+        newest = fit.first + len(fit.levels) - 1
+        behind = max(stamp_ns / INTERVAL_NS - newest, 0.0) + 1.0
+        slope = abs(float(np.diff(fit.levels[-2:]).sum()))
+        described = replace(
+            estimate,
+            rate_names=names,
+            rate=rate,
+            rate_lower=rate - half,
+            rate_upper=rate + half,
+            changes=watch.count,
+            change_kinds=tuple(one.kind for one in watch.found),
+            change_ago=np.array([1e-9 * (stamp_ns - one.stamp_ns) for one in watch.found]),
+            disturbance=float(fit.levels[-1]) - rest,
+            disturbance_deviation=math.hypot(fit.level_deviation, slope * min(behind, 4.0)),
+            reasons=_reasons(estimate, fit, watch.deliberating, self._tremor),
+        )
+        # neighbouring residuals are alike, and more than the model's own error
+        alike = fit.inflation > _DOUBTED_INFLATION * fit.colour
+        alike = alike and fit.misfit * fit.weighting_variance > 0.5 * fit.variance
+        moves = float(np.median(np.abs(np.diff(fit.levels))))
+        lively = len(fit.levels) > _LEAST_COMPARED // 4 and moves > _LIVELY_SHARE * full
+        doubts = {RESIDUALS_ALIKE: alike, DISTURBANCE_FOLLOWS: follows, DISTURBANCE_LIVELY: lively}
+        return doubted(described, doubts | {NOT_ISOMETRIC: fit.swing > _SWING})
 
     @property
     def _now_ns(self) -> int:

@@ -38,7 +38,13 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from rpms_ros.identification.estimation.blocks import COUNT, FORCE_SQUARED, newest, without_force
+from rpms_ros.identification.estimation.blocks import (
+    COUNT,
+    FORCE_SQUARED,
+    RESPONSE_FORCE,
+    newest,
+    without_force,
+)
 from rpms_ros.identification.estimation.normal_equations import (
     add_baseline_terms,
     add_gradient_terms,
@@ -204,27 +210,22 @@ def no_change(functions: int) -> Origin:
 
 @numba.njit(cache=True)
 def condensed(
-    problem: Problem,
-    theta: FloatArray,
-    linear: FloatArray,
-    first_ns: int,
-    length_ns: int,
-    origin: Origin,
+    problem: Problem, point: 'Point', first_ns: int, length_ns: int, origin: Origin
 ) -> Intervals:
-    """Return the intervals of the blocks `problem.first`.. at theta (26,) and w (functions,).
+    """Return the intervals of the blocks `problem.first`.. at a point.
 
     Parameters
     ----------
     problem : Problem
         Blocks; those before `first` only advance the state.
-    theta, linear : ndarray (26,), (functions,)
-        Point of linearisation.
+    point : Point
+        Point of linearisation; of it, theta (26,) and w (functions,) are used.
     first_ns, length_ns : int
         Beginning of the first block and length of an interval [ns].
     origin : Origin
         The force of pulses before it is subtracted from the samples.
     """
-    blocks = problem.blocks
+    blocks, theta, linear = problem.blocks, point.theta, point.linear
     last_ns = blocks.start_ns[newest(blocks)]
     first = first_ns // length_ns
     intervals = empty_intervals(last_ns // length_ns - first + 1, len(linear), first)
@@ -265,7 +266,7 @@ def condensed(
         intervals.samples[place] += moments[COUNT]
         intervals.energy[place] += moments[FORCE_SQUARED]
         sums = blocks.gram[here]
-        add_state_terms(sums, response, state, gram, right)
+        add_state_terms(sums, response[:, RESPONSE_FORCE], state, gram, right)
         add_baseline_terms(start_ns, response, moments, state, baseline, gram, right)
         add_gradient_terms(start_ns, sums, response, linear, state, slopes, baseline, gram, right)
     for place in range(len(intervals.samples)):

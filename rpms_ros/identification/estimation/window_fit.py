@@ -10,10 +10,12 @@ approximation, exact except for theta).
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numba
 import numpy as np
 
+from rpms_ros.identification.estimation.estimate_builder import Uncertainty
 from rpms_ros.identification.estimation.prior import (
     ROUNDING,
     Knowledge,
@@ -23,7 +25,6 @@ from rpms_ros.identification.estimation.prior import (
     walk_information,
 )
 from rpms_ros.identification.estimation.settings import Problem
-from rpms_ros.identification.estimation.statement import Uncertainty
 from rpms_ros.identification.estimation.window_equations import (
     SLOPES,
     Equations,
@@ -57,8 +58,8 @@ INTERVAL_NS = 125_000_000
 KNOT_INTERVALS = 40
 """Distance of two knots of the slow change, in intervals: the unit of time of its prior."""
 # The model's error is at least this share of the force's mean square, for so many samples.
-_MODEL_ERROR = 1e-4
-_MODEL_ERROR_SAMPLES = 200.0
+MODEL_ERROR = 1e-4
+MODEL_ERROR_SAMPLES = 200.0
 
 
 @numba.njit(cache=True)
@@ -107,7 +108,7 @@ LIVELINESS: FloatArray = 10.0 ** np.arange(-6.0, -0.4, 0.5)
 # and breath do, need not wander.
 INCREMENTS: FloatArray = np.concatenate(([1e3], 10.0 ** np.arange(-0.5, -5.1, -0.5)))
 # They have one from this place in `LIVELINESS` on; below it a sensor may drift.
-_MOVES = 3
+_LEAST_MOVING = 3
 # Change of force and time constant over the distance of two knots (relative), of thresholds over
 # an interval.
 CHANGES: FloatArray = np.concatenate(([1e-5], 10.0 ** np.arange(-4.0, -0.9, 0.5)))
@@ -149,8 +150,7 @@ _UNKNOWN = 1e12
 _UNKNOWN_RATIO: FloatArray = np.array([[1.0], [25.0]])
 
 
-@dataclass(frozen=True)
-class StartLevels:
+class StartLevels(NamedTuple):
     """Prior of the first two knots of the disturbance: mean and standard deviation [N]."""
 
     levels: FloatArray
@@ -243,22 +243,22 @@ class WindowFit:
     ----------
     point : Point
         The present muscle and its slow change.
+    levels : ndarray (knots,)
+        Disturbance at the ends of the intervals [N], the newest last.
+    covariance : ndarray (unknowns, unknowns)
+        Of x, alpha as logarithms.
+    moved : ndarray (4,)
+        Last step of theta, alpha as logarithms.
     scales : Scales
         Scales with the largest evidence.
     variance : float
         Variance of the residuals [N^2].
     inflation : float
         Factor on the variance by the correlation of neighbouring residuals.
-    levels : ndarray (knots,)
-        Disturbance at the ends of the intervals [N], the newest last.
     first : int
         Number of the interval whose beginning is the first knot.
-    covariance : ndarray (unknowns, unknowns)
-        Of x, alpha as logarithms.
     level_deviation : float
         Standard deviation of the newest knot [N].
-    moved : ndarray (4,)
-        Last step of theta, alpha as logarithms.
     failures : int
         Steps that could not be solved.
     evidence : float
@@ -280,15 +280,15 @@ class WindowFit:
     """
 
     point: Point
-    scales: Scales
-    variance: float
-    inflation: float
     levels: FloatArray
-    first: int
     covariance: FloatArray
-    level_deviation: float
     moved: FloatArray
-    failures: int
+    scales: Scales = Scales()
+    variance: float = 0.0
+    inflation: float = 1.0
+    first: int = 0
+    level_deviation: float = 0.0
+    failures: int = 0
     evidence: float = -math.inf
     misfit: float = 1.0
     likelihood: float = -math.inf
@@ -336,18 +336,7 @@ def fresh_fit(theta: FloatArray, functions: int) -> WindowFit:
     """Return a fit without data."""
     point = steady(theta, np.zeros(functions))
     unknowns = NONLINEAR + functions + SLOPES
-    return WindowFit(
-        point=point,
-        scales=Scales(),
-        variance=0.0,
-        inflation=1.0,
-        levels=np.zeros(2),
-        first=0,
-        covariance=np.zeros((unknowns, unknowns)),
-        level_deviation=0.0,
-        moved=np.ones(NONLINEAR),
-        failures=0,
-    )
+    return WindowFit(point, np.zeros(2), np.zeros((unknowns, unknowns)), np.ones(NONLINEAR))
 
 
 def _student(precision: FloatArray) -> FloatArray:
@@ -360,22 +349,18 @@ class Linearised:
     """A window linearised at a point, with its priors."""
 
     def __init__(
-        self,
-        intervals: Intervals,
-        point: Point,
-        knowledge: Knowledge,
-        window: Window,
-        differences: FloatArray,
+        self, problem: Problem, fit: WindowFit, knowledge: Knowledge, window: Window
     ) -> None:
-        self.differences = differences
-        self.start = window.start
-        self.intervals = intervals
-        self.point = point
-        self.knowledge = knowledge
-        self.ages = window.ages(int(intervals.first[0]), len(intervals.samples))
-        self.equations: Equations = assembled(intervals, point, *self.ages)
-        self.samples = float(intervals.samples.sum())
-        self.power = float(intervals.energy.sum()) / max(self.samples, 1.0)
+        fit.point = point = fit.point.at_times(window.knots)
+        self.problem, self.point, self.knowledge, self.window = problem, point, knowledge, window
+        span = window.first_ns, window.length_ns, window.origin
+        self.intervals: Intervals = condensed(problem, point, *span)
+        first, count = int(self.intervals.first[0]), len(self.intervals.samples)
+        self.differences = _differences(fit, first, count + 1)
+        self.ages = window.ages(first, count)
+        self.equations: Equations = assembled(self.intervals, point, *self.ages)
+        self.samples = float(self.intervals.samples.sum())
+        self.power = float(self.intervals.energy.sum()) / max(self.samples, 1.0)
         # too weak to be seen, but w is solvable where nothing has been stimulated
         ridge = _RIDGE / (self.power + LEAST_ENERGY)
         self.terms: Terms = knowledge.about(point, ridge, window.walk())
@@ -385,9 +370,9 @@ class Linearised:
         force = math.sqrt(self.power) + 1e-9
         level = np.full(self.differences.shape[1], 1.0 / (_LEVEL * force) ** 2)
         about = np.zeros(len(level))
-        if self.start is not None:
-            level[:2] = 1.0 / self.start.deviation**2
-            about[:2] = self.start.levels
+        if self.window.start is not None:
+            level[:2] = 1.0 / self.window.start.deviation**2
+            about[:2] = self.window.start.levels
         rough, logarithm = self._roughness(scales, force, level)
         reduced = eliminated(self.equations, variance, rough, level, about)
         reduced.evidence[0] += logarithm
@@ -406,7 +391,7 @@ class Linearised:
         ratio = np.square(self.differences / deviation)
         ratio = np.where(np.isnan(ratio), _UNKNOWN_RATIO, ratio)
         precision = (_FREEDOM + 1.0) / (_FREEDOM + ratio)
-        if scales.increment == 0 or self.start is not None:
+        if scales.increment == 0 or self.window.start is not None:
             # offset and slope have the prior of `level` alone
             rough = Roughness(np.zeros(len(level)), precision[1] / deviation[1] ** 2)
             logarithm = np.log(rough.second[1:-1]).sum() + np.log(level[:2]).sum()
@@ -418,8 +403,7 @@ class Linearised:
         return rough, 0.5 * float(logarithm + bound[0, :-1].sum() + bound[1, 1:-1].sum())
 
 
-@dataclass(frozen=True)
-class _Solution:
+class _Solution(NamedTuple):
     """A step of x from a point at given scales, with its evidence.
 
     Attributes
@@ -446,7 +430,7 @@ class _Solution:
 
     def with_cost(self, left: float) -> '_Solution':
         """Return the same with the exact cost after the step."""
-        return replace(self, left=left, evidence=self.evidence - 0.5 * (left - self.left))
+        return self._replace(left=left, evidence=self.evidence - 0.5 * (left - self.left))
 
     def damped(self, damping: float) -> FloatArray:
         """Return the Levenberg-Marquardt step with theta damped."""
@@ -526,15 +510,14 @@ def _grids(window: Window, knowledge: Knowledge) -> list[tuple[str, FloatArray]]
     return (changes if window.changes else []) + (shape if free else [])
 
 
-def _best_scales(
-    at: Linearised, variance: float, scales: Scales, window: Window
-) -> tuple[Scales, _Solution, list[_Solution]]:
+def _best_scales(at: Linearised, fit: WindowFit) -> tuple[Scales, _Solution, list[_Solution]]:
     """Return the scales with the largest evidence among the neighbours of the present ones.
 
     With the solution, and all solutions tried.
     """
+    variance, scales, window = fit.weighting_variance, fit.scales, at.window
     last = {'disturbance': window.liveliest, 'increment': len(INCREMENTS) - 1}
-    last['increment'] *= scales.disturbance >= _MOVES
+    last['increment'] *= scales.disturbance >= _LEAST_MOVING
     scales = best = replace(scales, **{one: min(getattr(scales, one), last[one]) for one in last})
     solution = _solution(at, at.reduced(variance, scales), scales)
     tried = [] if solution is None else [solution]
@@ -593,23 +576,20 @@ def gauss_newton_steps(
     """
     at = after = None
     for _ in range(steps):
-        at = after or _linearised(problem, fit, knowledge, window)
+        at = after or Linearised(problem, fit, knowledge, window)
         if at.samples == 0.0:
             return None
         if fit.variance == 0.0:
             fit.variance = at.power * 0.01 + LEAST_ENERGY
         try:
-            fit.scales, solution, tried = _best_scales(
-                at, fit.weighting_variance, fit.scales, window
-            )
+            fit.scales, solution, tried = _best_scales(at, fit)
         except np.linalg.LinAlgError:
             fit.failures += 1
             # an older covariance would claim that these samples were understood
             fit.covariance = _UNKNOWN * np.eye(unknowns_of(fit.point))
             return None
-        step, covariance = _averaged(solution, tried)
         before = fit.variance
-        after = _move(fit, at, solution, step, covariance, problem, window)
+        after = _move(fit, at, solution, tried)
         settled = np.abs(fit.moved) < 0.05 * np.sqrt(np.diag(fit.covariance)[:NONLINEAR])
         if settled.all() and fit.variance > 0.5 * before:
             break
@@ -621,7 +601,7 @@ def steps_at_fixed_scales(
 ) -> bool:
     """Take so many steps with the present scales and variance; return whether they succeeded."""
     for _ in range(steps):
-        at = _linearised(problem, fit, knowledge, window)
+        at = Linearised(problem, fit, knowledge, window)
         if at.samples == 0.0:
             return False
         reduced = at.reduced(fit.weighting_variance, fit.scales)
@@ -634,19 +614,6 @@ def steps_at_fixed_scales(
     return True
 
 
-def _linearised(
-    problem: Problem, fit: WindowFit, knowledge: Knowledge, window: Window
-) -> Linearised:
-    fit.point = fit.point.at_times(window.knots)
-    point = fit.point
-    first_ns, length_ns = window.first_ns, window.length_ns
-    theta, linear = point.theta, point.linear
-    intervals = condensed(problem, theta, linear, first_ns, length_ns, window.origin)
-    first = int(intervals.first[0])
-    differences = _differences(fit, first, len(intervals.samples) + 1)
-    return Linearised(intervals, point, knowledge, window, differences)
-
-
 def _limited(at: Linearised, solution: _Solution, step: FloatArray) -> FloatArray:
     """Return a step (unknowns,) within the bounds and the range of a nearly linear model."""
     step = at.knowledge.bounded(at.point, step, solution.hessian)
@@ -657,13 +624,7 @@ def _limited(at: Linearised, solution: _Solution, step: FloatArray) -> FloatArra
 
 
 def _move(
-    fit: WindowFit,
-    at: Linearised,
-    solution: _Solution,
-    step: FloatArray,
-    covariance: FloatArray,
-    problem: Problem,
-    window: Window,
+    fit: WindowFit, at: Linearised, solution: _Solution, tried: list[_Solution]
 ) -> Linearised | None:
     """Take a step, damped until the cost with all but theta at its best does not rise.
 
@@ -671,6 +632,7 @@ def _move(
     step of the linearised equations leads far beyond the least cost.  The equations at the new
     theta are returned if they hold for the new response too: the next step begins with them.
     """
+    step, covariance = _averaged(solution, tried)
     certain = solution.here - solution.left < _CERTAIN
     if not certain and fit.damping > _LEAST_DAMPING:
         step = solution.damped(fit.damping)
@@ -683,7 +645,7 @@ def _move(
     for _ in range(_TRIALS):
         trial = replace(fit, point=moved(at.point, step))
         at.knowledge.part(trial.point.theta)
-        there = _linearised(problem, trial, at.knowledge, window)
+        there = Linearised(at.problem, trial, at.knowledge, at.window)
         reduced = there.reduced(fit.weighting_variance, fit.scales)
         other = _solution(there, reduced, fit.scales)
         if other is not None:
@@ -724,8 +686,8 @@ def _refresh_noise(fit: WindowFit, at: Linearised) -> None:
     intervals, local = at.intervals, NONLINEAR + len(at.point.linear)
     scores, squares, gain = _left_after(fit, at)
     total = max(float(squares.sum()), 0.0)
-    freedom = max(at.samples - float(unknowns_of(at.point) + 1), 1.0) + _MODEL_ERROR_SAMPLES
-    floor = _MODEL_ERROR_SAMPLES * _MODEL_ERROR * at.power
+    freedom = max(at.samples - float(unknowns_of(at.point) + 1), 1.0) + MODEL_ERROR_SAMPLES
+    floor = MODEL_ERROR_SAMPLES * MODEL_ERROR * at.power
     fit.variance = (total + floor) / freedom + LEAST_ENERGY
     some = intervals.samples > 0.0
     sums = scores[some, local:].sum(axis=1)

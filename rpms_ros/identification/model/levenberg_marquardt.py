@@ -187,14 +187,13 @@ class Ending(NamedTuple):
     least_cost: float
 
 
-# (problem, here, ready, hessian, gradient) -> whether H could be computed; `ready`: what the last
-# call left in `here` is still valid.
-Linearise = Callable[[Any, Any, bool, FloatArray, FloatArray], bool]
+# (problem, here, hessian, gradient) -> whether H could be computed.
+Linearise = Callable[[Any, Any, FloatArray, FloatArray], bool]
 # (problem, here, low, high): least and greatest step of each parameter.
 Room = Callable[[Any, Any, FloatArray, FloatArray], None]
 # (problem, here, step, trial): overwrites `trial`, and `step` by the one that was taken.
 Move = Callable[[Any, Any, FloatArray, Any], None]
-Minimise = Callable[[Any, Any, Any, Ending, bool], bool]
+Minimise = Callable[[Any, Any, Any, Ending], bool]
 
 
 @numba.njit(cache=True, nogil=True)
@@ -270,23 +269,21 @@ def minimiser(linearise: Linearise, room: Room, move: Move) -> Minimise:
     Returns
     -------
     callable
-        ``minimise(problem, here, trial, ending, ready)`` improves the point `here`, whose cost
-        and linear unknowns are known; `trial` is scratch of the same shape, `ready` is passed to
-        the first ``linearise``.  Returns whether the result is in `trial`: the two change places
-        with every step that is taken.
+        ``minimise(problem, here, trial, ending)`` improves the point `here`, whose cost and
+        linear unknowns are known; `trial` is scratch of the same shape.  Returns whether the
+        result is in `trial`: the two change places with every step that is taken.
     """
 
-    def minimise(problem: Any, here: Any, trial: Any, ending: Ending, ready: bool) -> bool:
+    def minimise(problem: Any, here: Any, trial: Any, ending: Ending) -> bool:
         count = len(here.theta)
         hessian = np.zeros((count, count))
         gradient, step, low, high = np.zeros((4, count))
         fresh = changed = False
         for _ in range(ending.steps):
             if not fresh:
-                if not linearise(problem, here, ready, hessian, gradient):
+                if not linearise(problem, here, hessian, gradient):
                     here.failures[0] += 1.0
                     return changed
-                ready = False
                 fresh = True
                 room(problem, here, low, high)
             damping = here.damping[0]

@@ -115,12 +115,6 @@ PRESET_NAMES = (PEOPLE_PRESET, *PAPER_PRESETS)
 """Presets that command lines and node parameters accept."""
 
 
-def check_preset(name: str) -> None:
-    """Raise `IdentificationError` unless the name is one of `PRESET_NAMES`."""
-    if name not in PRESET_NAMES:
-        raise IdentificationError(f'expected a preset of {", ".join(PRESET_NAMES)}, got {name!r}')
-
-
 def settings_by_name(name: str) -> RecursiveSettings:
     """Return a preset of `PAPER_PRESETS`.
 
@@ -129,7 +123,6 @@ def settings_by_name(name: str) -> RecursiveSettings:
     IdentificationError
         If there is no such preset.
     """
-    check_preset(name)
     if name not in PAPER_PRESETS:
         raise IdentificationError(f'expected one of {", ".join(PAPER_PRESETS)}, got {name!r}')
     return PAPER_PRESETS[name]

@@ -489,19 +489,13 @@ def _add_errors(
     for place in range(len(lag)):
         pulse, expected, there = intensity[place], prediction[place], by_lag[lag[place]]
         error = force[place] - expected
-        there[0] += 1.0
-        there[1] += pulse
-        there[2] += pulse**2
-        there[3] += error
-        there[4] += error * pulse
-        there[5] += error**2
-        over_all[0] += 1.0
-        over_all[1] += expected
-        over_all[2] += expected**2
-        over_all[3] += error
-        over_all[4] += error * expected
-        over_all[5] += force[place] ** 2
-        over_all[6] += error**2
+        sums = (1.0, pulse, pulse**2, error, error * pulse, error**2)
+        for column in range(_SUMS):
+            there[column] += sums[column]
+        both = (error * expected, force[place] ** 2, error**2)
+        whole = (1.0, expected, expected**2, error, *both)
+        for column in range(_ALL):
+            over_all[column] += whole[column]
 
 
 class ResponseMisfit:

@@ -15,12 +15,13 @@ a number is no measurement and is not shown as one.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numba
 import numpy as np
 from scipy.special import ndtri
 
-from rpms_ros.identification.estimation.statement import LEAST_GAIN, PRIOR
+from rpms_ros.identification.estimation.estimate_builder import LEAST_GAIN, PRIOR
 from rpms_ros.identification.model.estimate import NOT_INFORMED, Estimate
 from rpms_ros.muscle.recruitment import RateRecruitment
 from rpms_ros.pulses import (
@@ -38,8 +39,7 @@ _JUDGED_PULSES = 101
 _AFTER_LAST_NS = 500_000_000
 
 
-@dataclass(frozen=True)
-class SimulatedFit:
+class SimulatedFit(NamedTuple):
     """How well the force simulated with one estimate fits the measured one.
 
     Attributes
@@ -71,10 +71,7 @@ class SimulatedFit:
 
 
 def simulated_force(
-    estimate: Estimate,
-    pulses: PulseTrain,
-    stamp_ns: IntArray,
-    by_rate: RateRecruitment | None = None,
+    estimate: Estimate, pulses: PulseTrain, stamp_ns: IntArray, law: RateRecruitment | None = None
 ) -> FloatArray:
     """Return the force (samples,) simulated from pulses with an estimate [N].
 
@@ -86,14 +83,14 @@ def simulated_force(
         In any order.
     stamp_ns : ndarray of int64 (samples,)
         Ascending times [ns].
-    by_rate : RateRecruitment, optional
+    law : RateRecruitment, optional
         Weight of a pulse by the interval to the pulse before it; None: all weights are equal.
     """
     force = np.zeros(len(stamp_ns))
     reach_ns = nanoseconds(float(estimate.response_time[-1]))
     weight = _weights(estimate, pulses.intensity)
-    if by_rate is not None:
-        weight = weight * _rate_weights(estimate.repetition_rate, pulses.onset_ns, by_rate)
+    if law is not None:
+        weight = weight * _rate_weights(estimate.repetition_rate, pulses.onset_ns, law)
     first = np.searchsorted(stamp_ns, pulses.onset_ns)
     last = np.searchsorted(stamp_ns, pulses.onset_ns + reach_ns, side='right')
     response = estimate.response_time, estimate.response_force

@@ -77,7 +77,8 @@ _NARROW = 0.05
 # changes by a quarter meanwhile, which leaves 0.03 of the variance unexplained.  Half of it for an
 # estimator that follows such changes, because its estimate is that of the end.
 _SPAN_NS = 20 * NANOSECONDS_PER_SECOND
-# The force of the last pulse is over by then.
+# A pulse counts from this share of the largest force; its force is over by then.
+_STRONG = 0.1
 _AFTER_NS = NANOSECONDS_PER_SECOND // 2
 # The estimate after this share of the session has to predict the rest.
 _LEARNT_SHARE = 0.8
@@ -208,12 +209,17 @@ def _of_dynamics(reasons: list[Reason], dynamics: TrainDynamics, unit: str) -> V
 
 
 def _looked_at(session: IdentifiedSession, pulses: PulseTrain) -> BoolArray:
-    """Return which samples (samples,) are judged: those of the end, or all of a short session."""
+    """Return which samples (samples,) are judged: those of the end, or all of a short session.
+
+    The end is that of the last pulse of some strength: a series may end below the threshold.
+    """
     stamps = session.stamp_ns
-    onset = pulses.onset_ns[(pulses.onset_ns >= stamps[0]) & (pulses.onset_ns <= stamps[-1])]
+    inside = (pulses.onset_ns >= stamps[0]) & (pulses.onset_ns <= stamps[-1])
+    onset = pulses.onset_ns[inside]
     if not len(onset):
         return np.zeros(len(stamps), dtype=np.bool_)
-    begin, end = int(onset.min()), int(onset.max()) + _AFTER_NS
+    strong = onset[session.last.relative_recruitment(pulses.intensity[inside]) > _STRONG]
+    begin, end = int(onset.min()), int((strong if len(strong) else onset).max()) + _AFTER_NS
     span_ns = _SPAN_NS // 2 if session.last.rate_names else _SPAN_NS
     if end - begin > 1.5 * span_ns:
         begin = end - span_ns
@@ -227,8 +233,9 @@ def _of_the_fit(
     """Yield reasons from residual, held-out error and baseline."""
     force, stamps = session.force, session.stamp_ns
     span = float(np.ptp(force[session.usable]))
-    predicted = np.isfinite(session.shown_prediction)
-    late = part & settled(stamps) & predicted
+    late = part & np.isfinite(session.shown_prediction)
+    judged = slice(int(np.flatnonzero(part)[-1]) + 1)
+    late[judged] &= settled(stamps[judged])
     if session.last.curve_known and not late.any():
         yield (DOUBTFUL, 'too short: no sample was predicted before it was learnt')
     residual = (force - session.prediction)[late]

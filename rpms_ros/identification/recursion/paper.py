@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from rpms_ros.errors import IdentificationError, check_number
+from rpms_ros.identification.estimation.estimate_builder import RESPONSE_STEP
 from rpms_ros.identification.model.estimate import (
     CURVE_INTENSITY,
     DEFAULT_RATE,
@@ -30,8 +31,6 @@ from rpms_ros.muscle.recruitment import (
     identified_recruitment,
 )
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, nanoseconds
-
-RESPONSE_STEP = 5e-3
 
 
 class ModifiedRecursiveLM:

@@ -60,15 +60,8 @@ RecordArray = npt.NDArray[np.void]
 # of the force, decaying [N^2]; number of samples that were learnt from, and of those whose R could
 # not be factorised; stamp of the newest usable sample [ns].
 SCALARS = np.dtype(
-    [
-        ('damping', np.float64),
-        ('condition_number', np.float64),
-        ('error_energy', np.float64),
-        ('force_energy', np.float64),
-        ('samples', np.int64),
-        ('failures', np.int64),
-        ('previous_ns', np.int64),
-    ]
+    [(name, float) for name in ('damping', 'condition_number', 'error_energy', 'force_energy')]
+    + [(name, np.int64) for name in ('samples', 'failures', 'previous_ns')]
 )
 
 
@@ -141,16 +134,12 @@ def workspace(functions: int, acting_pulses: int) -> Workspace:
     """Return arrays for so many functions, and at most so many pulses acting at once."""
     return Workspace(
         basis=np.zeros((acting_pulses, functions)),
-        raw=np.zeros(functions),
         raw_gradient=np.zeros((NONLINEAR, functions)),
-        regressor=np.zeros(functions),
-        gain=np.zeros(functions),
         scratch=np.zeros((2, 4)),
-        derivative=np.zeros(NONLINEAR),
-        damped=np.zeros((NONLINEAR, NONLINEAR)),
-        rotated=np.zeros((NONLINEAR, NONLINEAR)),
-        step=np.zeros(NONLINEAR),
         candidate=np.zeros(4),
+        **{name: np.zeros(functions) for name in ('raw', 'regressor', 'gain')},
+        **{name: np.zeros(NONLINEAR) for name in ('derivative', 'step')},
+        **{name: np.zeros((NONLINEAR, NONLINEAR)) for name in ('damped', 'rotated')},
     )
 
 
@@ -221,19 +210,6 @@ def mix(mixing: FloatArray, raw: FloatArray, regressor: FloatArray) -> None:
 # Covariance above which nothing is forgotten: without excitation P would grow without bound.
 # Far above what a sinusoid from 0 to 1 needs, far enough below 1 / epsilon for P to stay positive.
 LARGEST_COVARIANCE = 1e10
-
-
-@numba.njit(cache=True)
-def _plain_derivative(
-    linear: FloatArray, mixing: FloatArray, raw_gradient: FloatArray, derivative: FloatArray
-) -> None:
-    """Write psi = d(phi^T w)/d theta (3,)."""
-    derivative[:] = 0.0
-    for other in range(len(linear)):
-        # w^T mixing, column by column: the raw sums need not be transformed
-        weight = dot(linear, mixing[:, other])
-        for place in range(NONLINEAR):
-            derivative[place] += weight * raw_gradient[place, other]
 
 
 @numba.njit(cache=True)
@@ -334,7 +310,13 @@ def _learn(force: float, error: float, intensity: FloatArray, recursion: Recursi
     """Update the state by one sample whose regressors are in the workspace."""
     constants, state, work = recursion.constants, recursion.state, recursion.work
     derivative, regressor, linear = work.derivative, work.regressor, state.linear
-    _plain_derivative(linear, constants.mixing, work.raw_gradient, derivative)
+    # psi = d(phi^T w)/d theta
+    derivative[:] = 0.0
+    for other in range(len(linear)):
+        # w^T mixing, column by column: the raw sums need not be transformed
+        weight = dot(linear, constants.mixing[:, other])
+        for place in range(NONLINEAR):
+            derivative[place] += weight * work.raw_gradient[place, other]
     denominator, forgetting = _gain(state.covariance, regressor, constants.forgetting, work.gain)
     for place in range(NONLINEAR):
         work.step[place] = derivative[place] - dot(state.projection[place], regressor)
@@ -398,7 +380,7 @@ def process(
         if not usable[index]:
             continue
         error = force[index] - prediction[index]
-        count_energy(*energies, stamp, error, force[index])
+        count_energy(energies, stamp, error, force[index])
         if recruits:
             _learn(force[index], error, acting, recursion)
             scalars['samples'][0] += 1

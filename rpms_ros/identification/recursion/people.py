@@ -31,8 +31,7 @@ from rpms_ros.identification.estimation.blocks import (
     PulseDelayLine,
     newest,
 )
-from rpms_ros.identification.estimation.settings import PRIOR, ProjectionSettings
-from rpms_ros.identification.estimation.statement import (
+from rpms_ros.identification.estimation.estimate_builder import (
     MISFIT,
     Counters,
     EstimateBuilder,
@@ -41,6 +40,7 @@ from rpms_ros.identification.estimation.statement import (
     Uncertainty,
     condition_number,
 )
+from rpms_ros.identification.estimation.settings import PRIOR, ProjectionSettings
 from rpms_ros.identification.estimation.window_fit import LEAST_ENERGY
 from rpms_ros.identification.model.estimate import DEFAULT_RATE, Estimate
 from rpms_ros.identification.model.levenberg_marquardt import Ending
@@ -281,7 +281,7 @@ class FixedSizeRecursion:
         self._spread = ResidualSpread()
         self._stepped_ns: int | None = None
         self._delay_line = PulseDelayLine(basis.latency, settings.by_rate, rate_hz)
-        self._builder = EstimateBuilder(self.name, basis, rate_hz, settings.confidence)
+        self._builder = EstimateBuilder(self.name, basis, rate_hz, settings.confidence, False)
         self._plausibility = PlausibilityCheck()
         # pulses that acted, and those of another weight than the one before
         self._acted = self._varied = 0
@@ -393,8 +393,7 @@ class FixedSizeRecursion:
         covariance = inverse[:joint, :joint] * np.outer(scale, scale)
         area = np.linalg.norm(fit.linear) * np.linalg.norm(self.settings.basis.area)
         by_basis = MISFIT * float(area) / math.sqrt(len(fit.linear))
-        muscle = replace(
-            muscle,
+        muscle = muscle._replace(
             condition=condition_number(lower[PARAMETERS:joint, PARAMETERS:joint]),
             area_error=math.hypot(by_basis, sums.missing_area(variance)),
         )
@@ -482,7 +481,7 @@ class FixedSizeRecursion:
     def _improved(self, fit: Fit, ending: Ending) -> Fit:
         """Return a fit after some steps; the other of it and the trial is scratch."""
         problem = StepProblem(self._memory, PRIOR)
-        if improve(problem, fit, self._trial, ending, True):
+        if improve(problem, fit, self._trial, ending):
             fit, self._trial = self._trial, fit
         return fit
 

@@ -50,7 +50,11 @@ from rpms_ros.identification.estimation.blocks import (
 from rpms_ros.identification.estimation.intake import count_energy
 from rpms_ros.identification.estimation.normal_equations import advance_state, correlate
 from rpms_ros.identification.estimation.settings import Prior
-from rpms_ros.identification.estimation.window_fit import LEAST_ENERGY
+from rpms_ros.identification.estimation.window_fit import (
+    LEAST_ENERGY,
+    MODEL_ERROR,
+    MODEL_ERROR_SAMPLES,
+)
 from rpms_ros.identification.model.basis import transition_generator
 from rpms_ros.identification.model.levenberg_marquardt import (
     dot,
@@ -103,9 +107,7 @@ def empty_memory(knots: int, functions: int) -> Memory:
         blocks=empty_blocks(BLOCKS, functions),
         gram=np.zeros((unknowns, unknowns)),
         cross=np.zeros(unknowns),
-        energy=np.zeros(1),
-        samples=np.zeros(1),
-        squared_samples=np.zeros(1),
+        **{name: np.zeros(1) for name in ('energy', 'samples', 'squared_samples')},
     )
 
 
@@ -432,7 +434,7 @@ def take(
         if not usable[index]:
             continue
         error = force[index] - prediction[index]
-        count_energy(*energies, stamp, error, force[index])
+        count_energy(energies, stamp, error, force[index])
         carried.squares[0] += error * error
         carried.learnt[0] += 1.0
         add_sample(blocks, here, tau, force[index], values)
@@ -484,12 +486,6 @@ def predict(
         since = rate * 1e-9 * (stamp - start)
         expected[index] = _force_at(since, fit.levels[0], present, values)
     return expected
-
-
-# The variance of the residuals is estimated with a prior value, this share of the mean square of
-# the force [1], of the weight of so many samples: few residuals determine it poorly.
-_MODEL_ERROR = 1e-4
-_MODEL_ERROR_SAMPLES = 200.0
 
 
 @numba.njit(cache=True)
@@ -581,8 +577,9 @@ def evaluate(memory: Memory, prior: Prior, fit: Fit) -> bool:
 def refresh_variance(memory: Memory, prior: Prior, fit: Fit) -> None:
     """Update the variance of the residuals, and with it the weight of the prior."""
     power = fit.energy[0] / max(fit.samples[0], 1.0) + LEAST_ENERGY
-    doubt = _MODEL_ERROR_SAMPLES * _MODEL_ERROR * power
-    fit.variance[0] = (fit.squares[0] + doubt) / (fit.samples[0] + _MODEL_ERROR_SAMPLES)
+    # a prior value of the variance: few residuals determine it poorly
+    doubt = MODEL_ERROR_SAMPLES * MODEL_ERROR * power
+    fit.variance[0] = (fit.squares[0] + doubt) / (fit.samples[0] + MODEL_ERROR_SAMPLES)
     if not solve_linear(memory, prior, fit):
         fit.failures[0] += 1.0
 
@@ -595,13 +592,7 @@ class StepProblem(NamedTuple):
 
 
 @register_jitable
-def _linearise(
-    problem: StepProblem,
-    fit: Fit,
-    ready: bool,  # noqa: ARG001
-    hessian: FloatArray,
-    slope: FloatArray,
-) -> bool:
+def _linearise(problem: StepProblem, fit: Fit, hessian: FloatArray, slope: FloatArray) -> bool:
     """Write H (4, 4) and minus half the gradient (4,); return whether there is a factor.
 
     The equations are complete already: `evaluate` leaves them so.

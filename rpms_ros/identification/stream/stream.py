@@ -169,7 +169,16 @@ class Pipeline:
         grid_ns = self._grid_ns(int(stamp_ns[first]))
         if int(grid_ns[0]) != self._block:
             self._block = int(grid_ns[0])
-            self._found = self._faults(self._window(stamp_ns, force, first, grid_ns, predicted))
+            # the block begins with sample `first`; a cell before and after it is seen too
+            high = int(np.searchsorted(stamp_ns, grid_ns[-1] + self.cell_ns))
+            low = int(np.searchsorted(self._before[0], grid_ns[0] - self.cell_ns))
+            stamps = np.concatenate((self._before[0][low:], stamp_ns[first:high]))
+            around = np.concatenate((self._before[1][low:], force[first:high]))
+            edges = np.concatenate(([0], np.searchsorted(stamps, grid_ns), [len(stamps)]))
+            inside = slice(edges[1], edges[-2])
+            found = np.zeros_like(stamps[inside], dtype=np.bool_)
+            known = predicted(stamps[inside]) if self._predicts else None
+            self._found = self._faults(Window(stamps, around, edges, found, known))
         before = (
             np.concatenate((self._before[0], stamp_ns[first:last])),
             np.concatenate((self._before[1], force[first:last])),
@@ -223,27 +232,6 @@ class Pipeline:
         self._before = np.empty(0, dtype=np.int64), np.empty(0)
         for monitor in self._monitors:
             monitor.restart()
-
-    def _window(
-        self,
-        stamp_ns: IntArray,
-        force: FloatArray,
-        first: int,
-        grid_ns: IntArray,
-        predicted: Callable[[IntArray], FloatArray | None],
-    ) -> Window:
-        """Return the block that begins with sample `first`, and a cell before and after it."""
-        high = int(np.searchsorted(stamp_ns, grid_ns[-1] + self.cell_ns))
-        low = int(np.searchsorted(self._before[0], grid_ns[0] - self.cell_ns))
-        stamps = np.concatenate((self._before[0][low:], stamp_ns[first:high]))
-        edges = np.concatenate(([0], np.searchsorted(stamps, grid_ns), [len(stamps)]))
-        return Window(
-            stamps,
-            np.concatenate((self._before[1][low:], force[first:high])),
-            edges,
-            np.zeros(edges[-2] - edges[1], dtype=np.bool_),
-            predicted(stamps[edges[1] : edges[-2]]) if self._predicts else None,
-        )
 
     def _grid_ns(self, stamp_ns: int) -> IntArray:
         """Return where the cells of the block of a stamp begin, and where the last one ends."""

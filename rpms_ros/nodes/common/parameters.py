@@ -23,7 +23,7 @@ import dataclasses
 import difflib
 import math
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
@@ -37,8 +37,7 @@ _ALIKE = 0.85
 _METADATA = 'parameter'
 
 
-@dataclass(frozen=True)
-class Description:
+class Description(NamedTuple):
     """Meaning, unit and bounds of a parameter.
 
     Attributes

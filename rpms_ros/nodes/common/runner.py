@@ -29,8 +29,8 @@ from rclpy.utilities import remove_ros_args
 from rpms_ros import __version__
 from rpms_ros.errors import NodeError, RpmsError
 from rpms_ros.nodes.common.diagnostics import logger_of
-from rpms_ros.nodes.common.hearing import second_node
 from rpms_ros.nodes.common.parameters import NodeParameters, descriptions
+from rpms_ros.nodes.common.subscriptions import second_node
 from rpms_ros.report.text import labelled
 
 SUSPENDING = (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)

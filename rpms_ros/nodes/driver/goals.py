@@ -24,7 +24,7 @@ from rpms_ros.schedule_messages import schedule_of
 from rpms_ros.stimulation.driver.authority import AUTHORITY, Authority
 from rpms_ros.stimulation.driver.controller import StimulationController
 from rpms_ros.stimulation.driver.states import Run, State
-from rpms_ros.stimulation.limits.limits import Interlocked, Refused
+from rpms_ros.stimulation.limits.limiter import Interlocked, Refused
 
 CODES = RunSchedule.Result
 WATCH = 'watch'

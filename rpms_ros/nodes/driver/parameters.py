@@ -6,6 +6,7 @@ import dataclasses
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from rpms_ros.axis import FORCE, UNITS
 from rpms_ros.errors import NodeError, StimulationError
@@ -127,8 +128,7 @@ def build_device(settings: DriverParameters, specification: DeviceSpecification)
     return registry.build_device(settings.device, options)
 
 
-@dataclass(frozen=True)
-class Session:
+class Session(NamedTuple):
     """Device and patient as their files say.
 
     Attributes

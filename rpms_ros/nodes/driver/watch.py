@@ -29,8 +29,8 @@ from rpms_msgs.msg import OperatorHeartbeat
 from rpms_ros import messages
 from rpms_ros.errors import NodeError
 from rpms_ros.nodes.common import qos, topics
-from rpms_ros.nodes.common.hearing import second_node, taken_from
 from rpms_ros.nodes.common.runner import complete_or_gone
+from rpms_ros.nodes.common.subscriptions import queued_subscription, second_node
 from rpms_ros.nodes.driver.goals import UNIQUE, WATCH
 from rpms_ros.stimulation.driver.authority import Authority, Beat, ProcessLife
 from rpms_ros.stimulation.driver.controller import StimulationController
@@ -269,7 +269,7 @@ class DriverWatch:
 
     def _taker(self, kind: type, topic: str, profile: QoSProfile) -> Taker:
         whole = self._driver.resolve_topic_name(topic)
-        return Taker(taken_from(self._node, kind, whole, profile))
+        return Taker(queued_subscription(self._node, kind, whole, profile))
 
     def _run(self) -> None:
         try:

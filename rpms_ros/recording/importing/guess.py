@@ -4,7 +4,7 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -48,8 +48,7 @@ _COUNTER = re.compile(
 _SHORTEST, _LONGEST = 1e-5, 1.0000001e-2
 
 
-@dataclass(frozen=True)
-class Guess:
+class Guess(NamedTuple):
     """What is taken for what.
 
     Attributes

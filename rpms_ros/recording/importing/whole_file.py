@@ -5,10 +5,11 @@
 import struct
 import zlib
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import accumulate
 from pathlib import Path
+from typing import NamedTuple
 from zipfile import BadZipFile, ZipFile
 
 import numpy as np
@@ -48,8 +49,7 @@ from rpms_ros.recording.rosbag.scan import READERS
 _ACTS_NS = 3 * NANOSECONDS_PER_SECOND // 2
 
 
-@dataclass(frozen=True)
-class Imported:
+class Imported(NamedTuple):
     """Pulses and force of a file.
 
     Attributes

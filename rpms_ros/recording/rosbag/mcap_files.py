@@ -11,8 +11,7 @@ index, so that a file whose writer was killed reads like any other.
 
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import IO, Any, cast
+from typing import IO, Any, NamedTuple, cast
 
 import numba
 import numpy as np
@@ -72,8 +71,7 @@ def _bounds(data: ByteArray, position: int) -> IntArray:
     return np.array(bounds)
 
 
-@dataclass(frozen=True)
-class Frame:
+class Frame(NamedTuple):
     """Records that are there in full.
 
     Attributes

@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -30,8 +30,7 @@ else:
 ByteArray = npt.NDArray[np.uint8]
 
 
-@dataclass(frozen=True)
-class Channel:
+class Channel(NamedTuple):
     """A topic with one type, as a recording describes it.
 
     Attributes

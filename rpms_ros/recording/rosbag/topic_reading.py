@@ -9,7 +9,7 @@ are decoded by rosbags, one by one.
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from operator import attrgetter
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -179,8 +179,7 @@ SENSOR_TYPES = {
 """Paths of what is read out of the messages of a sensor, by what it measures."""
 
 
-@dataclass(frozen=True)
-class TopicValues:
+class TopicValues(NamedTuple):
     """Numbers of a topic in the order of the recording, which is that of reception.
 
     Attributes

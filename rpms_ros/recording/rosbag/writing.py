@@ -8,9 +8,8 @@ Arrays become records equal in every byte to what rosbags serialises one by one.
 import os
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any, cast
+from typing import IO, Any, NamedTuple, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -93,8 +92,7 @@ FORCE_TOPIC = '/force'
 PULSE_FRAME = 'coil'
 
 
-@dataclass(frozen=True)
-class FurtherTopic:
+class FurtherTopic(NamedTuple):
     """Messages of a topic, ready to be written.
 
     Attributes

@@ -30,7 +30,7 @@ from typing import NamedTuple
 
 from rpms_ros.errors import StimulationError
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, nanoseconds
-from rpms_ros.stimulation.limits.limits import Refused
+from rpms_ros.stimulation.limits.limiter import Refused
 from rpms_ros.stimulation.records.clocks import read_boot_id
 from rpms_ros.stimulation.schedule.fields import LONGEST_NAME
 

@@ -50,7 +50,7 @@ from rpms_ros.stimulation.driver.states import (
 from rpms_ros.stimulation.limits.coil_temperature import coil_after
 from rpms_ros.stimulation.limits.device_specification import DeviceSpecification
 from rpms_ros.stimulation.limits.forecast import Trial
-from rpms_ros.stimulation.limits.limits import (
+from rpms_ros.stimulation.limits.limiter import (
     TIMING_LIMITS,
     BookedPulse,
     DoseExceeded,
@@ -329,7 +329,7 @@ class StimulationController(DeviceOwner):
             return run.due_ns
         if self._set_intensity != run.intensity:
             # never between a preparation and its trigger: that pulse would be late
-            if self._felt_ns is not None and now - self._felt_ns >= _READING_LIMIT_NS:
+            if self._measured_ns is not None and now - self._measured_ns >= _READING_LIMIT_NS:
                 self._read_temperature(run, trigger_ns - now)
             elif self._unread and now - self._unread[0].time_ns >= _READING_LIMIT_NS:
                 self._read_late(run)
@@ -354,11 +354,11 @@ class StimulationController(DeviceOwner):
             return trigger_ns
         if now >= begin_ns - _MARGIN_NS:
             since = self._epoch
-            self._heed(self._told(since), since, run.intensity)
+            self._use_status(self._read_back_status(since), since, run.intensity)
             return now
         return begin_ns - _MARGIN_NS
 
-    def _told(self, since: object) -> DeviceStatus:
+    def _read_back_status(self, since: object) -> DeviceStatus:
         """Read back what the device is set to."""
         status = self._call('read_back', since, self.device.read_back)
         self._answered_ns, self._read = self._clock(), True
@@ -377,14 +377,14 @@ class StimulationController(DeviceOwner):
         What is not ``expected`` is a fault, and every pulse since the reading before counts as
         of what was read, if that is more.
         """
-        status, unread, self._unread = self._told(since), self._unread, []
+        status, unread, self._unread = self._read_back_status(since), self._unread, []
         found = status.intensity
         wrong = intensity_fault(found, expected, self.settings.intensity_tolerance)
         # one that was silenced meanwhile is set to zero
         if found is None or (since is not self._epoch and found <= expected):
             return 0.0, False
         if wrong is None:
-            self._heed(status, since)
+            self._use_status(status, since, None)
             return found, True
         self.fail('intensity', wrong)
         more = [
@@ -421,7 +421,7 @@ class StimulationController(DeviceOwner):
         if spare_ns < self._reading_ns + self._preparing_ns:
             self._drop(run, _READING)
         # a device that does not tell any more costs no more pulses than one that does
-        self._felt_ns = self._clock()
+        self._measured_ns = self._clock()
         self._ask_status(self._epoch)
 
     def _prepare(self, run: Run, spare_ns: int) -> None:
@@ -431,7 +431,7 @@ class StimulationController(DeviceOwner):
         self._answered_ns, self._read = self._clock(), False
         if status is None or status.temperature is None:
             self._preparing_ns = self._answered_ns - began
-        self._heed(status, since, intensity)
+        self._use_status(status, since, intensity)
         self._set_intensity = intensity
 
     def _pulse(self, run: Run) -> None:
@@ -460,21 +460,21 @@ class StimulationController(DeviceOwner):
             return
         except DeviceError:
             unknown = Delivery(onset_ns, pulse.intensity, frozenset(UNVERIFIED))
-            self._tell(dataclasses.replace(pulse, delivery=unknown))
+            self._report_pulse(dataclasses.replace(pulse, delivery=unknown))
             return
         self._answered_ns = self._clock()
         fired = dataclasses.replace(pulse, delivery=delivery)
         self._account(run, fired, began)
         if delivery is not None:
             fired = dataclasses.replace(fired, delivery=self._looked_at(run, delivery, since))
-        self._tell(fired)
+        self._report_pulse(fired)
 
     def _looked_at(self, run: Run, delivery: Delivery, since: object) -> Delivery:
         """Read the intensity of a pulse back, where there is room; say what is known of it."""
         needed_ns = self._reading_back_ns
         if not run.exhausted:
             needed_ns += self._preparing_ns + self._trigger_ns
-            if self._felt_ns is not None and self._clock() - self._felt_ns >= _WARM_NS:
+            if self._measured_ns is not None and self._clock() - self._measured_ns >= _WARM_NS:
                 needed_ns += self._reading_ns
         room = run.exhausted or self._clock() + needed_ns <= run.due_ns
         if 'intensity' not in delivery.unverified or not room or since is not self._epoch:
@@ -582,7 +582,7 @@ class StimulationController(DeviceOwner):
             reason = f'expected the pulse within {limit_s:g} s, got it after {slow_s:.3g} s'
             self.fail('slow', reason)
 
-    def _tell(self, fired: Fired) -> None:
+    def _report_pulse(self, fired: Fired) -> None:
         """Count a pulse and tell who wants to know of it."""
         if fired.delivery is not None:
             self.delivered += 1

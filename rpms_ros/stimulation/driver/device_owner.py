@@ -27,7 +27,7 @@ from rpms_ros.stimulation.devices.registry import Device, DeviceError, DeviceSta
 from rpms_ros.stimulation.driver.safety_monitor import SUPERVISOR, Halt, SafetyMonitor
 from rpms_ros.stimulation.driver.states import POSSIBLE, Command, DriverSettings, State, after
 from rpms_ros.stimulation.limits.coil_temperature import CoilTemperature
-from rpms_ros.stimulation.limits.limits import Interlocked, Limits
+from rpms_ros.stimulation.limits.limiter import Interlocked, Limits
 
 Result = TypeVar('Result')
 
@@ -257,7 +257,7 @@ class DeviceOwner(SafetyMonitor):
         # how long it takes to be kept alive
         self._keeping_ns = 30_000_000
         # when a temperature was measured last, None before the first, and how long that takes
-        self._felt_ns: int | None = None
+        self._measured_ns: int | None = None
         self._reading_ns = _READING_NS
         # what the device was told and what it said
         self._set_intensity: float | None = None
@@ -358,7 +358,7 @@ class DeviceOwner(SafetyMonitor):
         self.interlocks.awake()
         self._refuse_if_open()
         since, limit_s = self._epoch, self.device.arm_s + self.settings.stuck_limit_s
-        self._heed(self._call('arm', since, self.device.arm, limit_s=limit_s), since, 0.0)
+        self._use_status(self._call('arm', since, self.device.arm, limit_s=limit_s), since, 0.0)
         self._armed_ns = self._active_ns = self._answered_ns = self._clock()
         self._set_intensity = 0.0
         if not self._enter(Command.ARM, 'armed', since):
@@ -441,25 +441,25 @@ class DeviceOwner(SafetyMonitor):
         if since is self._epoch and status.temperature is not None:
             self._reading_ns = max(_READING_NS, self._answered_ns - began)
         if self.state in POSSIBLE:
-            self._heed(status, since, self._set_intensity)
+            self._use_status(status, since, self._set_intensity)
         elif since is self._epoch:
-            self._feel(status)
+            self._apply_temperature(status)
 
-    def _feel(self, status: DeviceStatus) -> None:
+    def _apply_temperature(self, status: DeviceStatus) -> None:
         """Take over a temperature that was measured."""
         if status.temperature is None:
             return
-        self._felt_ns = self._clock()
+        self._measured_ns = self._clock()
         if self.coil is not None:
-            wrong = self.coil.doubt(self._felt_ns, status.temperature)
+            wrong = self.coil.doubt(self._measured_ns, status.temperature)
             if wrong is not None:
                 # the model goes on without it
                 self.fail('temperature', f'temperature: {wrong}')
                 raise DeviceError(wrong)
-            self.coil.measured(self._felt_ns, status.temperature)
+            self.coil.measured(self._measured_ns, status.temperature)
         self.temperature(status.temperature)
 
-    def _heed(self, status: DeviceStatus | None, since: object, told: float | None = None) -> None:
+    def _use_status(self, status: DeviceStatus | None, since: object, told: float | None) -> None:
         """Take the status of a device into account.
 
         Parameters
@@ -468,8 +468,8 @@ class DeviceOwner(SafetyMonitor):
             What it says.
         since : object
             The epoch in which it was asked: one that was silenced since says that it is disarmed.
-        told : float, optional
-            The intensity that was set (share).
+        told : float or None
+            The intensity that was set (share), if it is to be compared.
 
         Raises
         ------
@@ -479,7 +479,7 @@ class DeviceOwner(SafetyMonitor):
         if status is None or since is not self._epoch:
             return
         self._charged = status.ready
-        self._feel(status)
+        self._apply_temperature(status)
         fault = fault_of(status, told, self.settings.intensity_tolerance)
         if fault is not None:
             self.fail(*fault)

@@ -13,7 +13,6 @@ while a pulse is possible is latched: closing it again is not enough, somebody h
 """
 
 import threading
-import time
 from collections import Counter, deque
 from collections.abc import Callable
 from typing import NamedTuple
@@ -21,7 +20,7 @@ from typing import NamedTuple
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, nanoseconds
 from rpms_ros.stimulation.devices.registry import Device
 from rpms_ros.stimulation.driver.states import POSSIBLE, Command, DriverSettings, Run, State, after
-from rpms_ros.stimulation.limits.limits import Interlocked, Refused
+from rpms_ros.stimulation.limits.limiter import Interlocked, Refused
 from rpms_ros.stimulation.records.clocks import slept_ns
 
 SUSPEND = 'suspend'
@@ -266,12 +265,7 @@ class SafetyMonitor:
         Monotonic time [ns].
     """
 
-    def __init__(
-        self,
-        device: Device,
-        settings: DriverSettings,
-        clock: Callable[[], int] = time.monotonic_ns,
-    ) -> None:
+    def __init__(self, device: Device, settings: DriverSettings, clock: Callable[[], int]) -> None:
         self.device, self.settings, self._clock = device, settings, clock
         self.interlocks = Interlocks()
         if settings.force_limit_n > 0:

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from rpms_ros.errors import StimulationError
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, nanoseconds
 from rpms_ros.stimulation.devices.registry import Delivery
-from rpms_ros.stimulation.limits.limits import BookedPulse, Limits
+from rpms_ros.stimulation.limits.limiter import BookedPulse, Limits
 from rpms_ros.stimulation.records.dose_ledger import MemoryLedger
 from rpms_ros.stimulation.schedule.fields import Bound, Bounded, bounded
 from rpms_ros.stimulation.schedule.schedule import Schedule

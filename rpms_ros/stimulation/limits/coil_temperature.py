@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
-from rpms_ros.stimulation.limits.limits import BookedPulse
+from rpms_ros.stimulation.limits.limiter import BookedPulse
 from rpms_ros.stimulation.schedule.fields import Bound, Bounded, DescriptionError, bounded, share
 
 # A room, and a coil; nobody stands below or above these.

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation.limits.coil_temperature import CoilThermal
-from rpms_ros.stimulation.limits.limits import Limits
+from rpms_ros.stimulation.limits.limiter import Limits
 from rpms_ros.stimulation.schedule.description import from_file
 from rpms_ros.stimulation.schedule.fields import (
     LONGEST_NAME,

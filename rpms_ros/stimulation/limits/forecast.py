@@ -7,7 +7,7 @@ What breaks a limit counts all the same: the driver would have stopped there, bu
 seen as a whole.
 """
 
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Iterator
 from copy import copy
 from dataclasses import dataclass
@@ -18,7 +18,13 @@ from rpms_ros.printable import told_apart
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.stimulation.limits.coil_temperature import CoilTemperature
 from rpms_ros.stimulation.limits.device_specification import DeviceSpecification
-from rpms_ros.stimulation.limits.limits import DoseLimits, Limits, PulseLimiter, Refusal, too_quiet
+from rpms_ros.stimulation.limits.limiter import (
+    DoseLimits,
+    Limits,
+    PulseLimiter,
+    Refusal,
+    too_quiet,
+)
 from rpms_ros.stimulation.schedule.schedule import Plan, Schedule
 
 
@@ -150,8 +156,7 @@ class Trial:
     """
 
     def __init__(self, limiter: PulseLimiter, coil: CoilTemperature | None, since_ns: int) -> None:
-        self._limiter, self._coil, self._active_ns = copy(limiter), copy(coil), since_ns
-        self._limiter.window, self._limiter.known = deque(limiter.window), deque(limiter.known)
+        self._limiter, self._coil, self._active_ns = limiter.copy(), copy(coil), since_ns
         self.limits = limiter.limits
         # a plan has no jitter
         self._limiter.tolerance_ns = 0

@@ -23,7 +23,7 @@ from typing import Any
 
 from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation.limits.device_specification import DeviceSpecification
-from rpms_ros.stimulation.limits.limits import DoseLimits
+from rpms_ros.stimulation.limits.limiter import DoseLimits
 from rpms_ros.stimulation.schedule.description import from_file
 from rpms_ros.stimulation.schedule.fields import (
     LONGEST_NAME,

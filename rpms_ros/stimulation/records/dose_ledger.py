@@ -23,7 +23,7 @@ from urllib.parse import quote
 
 from rpms_ros.errors import StimulationError
 from rpms_ros.pulses import nanoseconds
-from rpms_ros.stimulation.limits.limits import BookedPulse, DoseExceeded, DoseLimits, LedgerError
+from rpms_ros.stimulation.limits.limiter import BookedPulse, DoseExceeded, DoseLimits, LedgerError
 from rpms_ros.stimulation.records.append_only import BEGIN, ChainedFile, Record, wall_ns_of
 from rpms_ros.stimulation.records.clocks import Clocks
 from rpms_ros.stimulation.schedule.fields import LONGEST_NAME

@@ -17,6 +17,7 @@ from rpms_ros.identification.estimation.window_equations import (
     empty_intervals,
     no_change,
     shares_of_prior,
+    steady,
     time_scale_derivative,
     time_scaled,
 )
@@ -75,7 +76,7 @@ def test_equal_those_of_a_loop_over_samples(recorded):
     take.feed(estimator)
     theta = theta_of(2)
     still = no_change(BASIS.functions)
-    whole = condensed(estimator._problem, theta, LINEAR, 0, WHOLE_NS, still)
+    whole = condensed(estimator._problem, steady(theta, LINEAR), 0, WHOLE_NS, still)
     step = 1e-5
     moves = step * np.eye(NONLINEAR)
     psi = [

@@ -10,12 +10,12 @@ import pytest
 import rpms_ros
 from rpms_ros.identification import estimator_by_name
 from rpms_ros.identification.estimation.batch import BatchEstimator
-from rpms_ros.identification.estimation.settings import ProjectionSettings
-from rpms_ros.identification.estimation.statement import (
+from rpms_ros.identification.estimation.estimate_builder import (
     PHYSIOLOGY_NAMES,
     ResidualSums,
     identifiability,
 )
+from rpms_ros.identification.estimation.settings import ProjectionSettings
 from rpms_ros.identification.model.basis import LaguerreBasis
 from rpms_ros.identification.model.estimate import CONVERGED, INFORMED, NOT_INFORMED
 from rpms_ros.identification.quality.doubts import NO_CONSTANT_MUSCLE, REASON, RESPONSE_MISFIT
@@ -164,8 +164,8 @@ def test_white_residuals_show_nothing_missing():
     # The mean square of sums of white residuals varies by 2.2 %: three of these beyond what counts
     # as chance are 0.6 mN s, beside a response of half a N s.
     assert sums.missing_area(MISSING_NOISE**2) < 6e-4
-    assert replace(sums, cells=0.0).missing_area(MISSING_NOISE**2) == 0.0
-    assert replace(sums, recruited=0.0).missing_area(MISSING_NOISE**2) == 0.0
+    assert sums._replace(cells=0.0).missing_area(MISSING_NOISE**2) == 0.0
+    assert sums._replace(recruited=0.0).missing_area(MISSING_NOISE**2) == 0.0
 
 
 def test_what_is_missing_is_found_in_newton_seconds():

@@ -17,6 +17,7 @@ import math
 from bisect import bisect_left
 from collections import deque
 from collections.abc import Iterable, Iterator
+from copy import copy
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -268,6 +269,12 @@ class PulseLimiter:
         self.known: deque[tuple[int, float]] = deque()
         self.session_pulses = 0
         self.session_energy_j = 0.0
+
+    def copy(self) -> 'PulseLimiter':
+        """Return one with the same history, whose pulses this one does not count."""
+        other = copy(self)
+        other.window, other.known = deque(self.window), deque(self.known)
+        return other
 
     # ---- what was fired
 

@@ -40,7 +40,6 @@ parameters remain for `rpms_ros.identification.model.levenberg_marquardt`, with 
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numba
@@ -70,14 +69,13 @@ from rpms_ros.muscle.twitch import BY_LOGARITHM, BY_ONSET, BY_ORDER, TWITCH, twi
 from rpms_ros.pulses import FloatArray, IntArray
 
 
-@dataclass(frozen=True)
-class Uncertainty:
+class Uncertainty(NamedTuple):
     """Gaussian uncertainty of [theta, w], alpha as logarithms.
 
     Attributes
     ----------
     covariance : ndarray (recruitment + functions, recruitment + functions)
-        Of theta, with 4 or 24 elements, and w.
+        Of theta, with 4 or 26 elements, and w.
     confidence : float
         Level of the intervals.
     """
@@ -123,8 +121,7 @@ _SHAPE, _LOW = 0.3, 0.1
 _CHANCE = 1.0
 
 
-@dataclass(frozen=True)
-class ResidualSums:
+class ResidualSums(NamedTuple):
     """Sums of residuals over cells of the time.
 
     Attributes
@@ -159,8 +156,7 @@ class ResidualSums:
         return _SHOWN * math.sqrt(area_squared)
 
 
-@dataclass(frozen=True)
-class Muscle:
+class Muscle(NamedTuple):
     """What a fit has found.
 
     Attributes
@@ -349,11 +345,7 @@ def _measure(response: Coefficients, match: TwitchMatch) -> None:
 
 @register_jitable
 def _linearise(
-    response: Coefficients,
-    match: TwitchMatch,
-    _ready: bool,
-    hessian: FloatArray,
-    gradient: FloatArray,
+    response: Coefficients, match: TwitchMatch, hessian: FloatArray, gradient: FloatArray
 ) -> bool:
     """Write the equations of theta, the peak eliminated."""
     prior, peak = response.prior, match.peak[0]
@@ -407,7 +399,7 @@ def _fit_from(start: FloatArray, response: Coefficients) -> TwitchMatch:
     _measure(response, match)
     # In squared standard deviations: a cost of 1 need not be reduced.
     ending = Ending(_STEPS, _TOLERANCE, 1.0)
-    return trial if _minimise(response, match, trial, ending, True) else match
+    return trial if _minimise(response, match, trial, ending) else match
 
 
 def match_twitch(response: Coefficients) -> TwitchMatch:
@@ -505,8 +497,7 @@ RESPONSE_STEP = 5e-3
 RESPONSE_DURATION = 0.4
 
 
-@dataclass(frozen=True)
-class Counters:
+class Counters(NamedTuple):
     """Properties of the data of an estimator.
 
     Attributes
@@ -543,12 +534,7 @@ class EstimateBuilder:
     """
 
     def __init__(
-        self,
-        name: str,
-        basis: LaguerreBasis,
-        rate_hz: float,
-        confidence: float,
-        wide: bool = False,
+        self, name: str, basis: LaguerreBasis, rate_hz: float, confidence: float, wide: bool
     ) -> None:
         self._name = name
         self._basis = basis

@@ -19,8 +19,8 @@ import serial
 from rpms_ros.guard import packets, rapid2
 from rpms_ros.guard.packets import Packet
 from rpms_ros.pulses import MAGNETIC_PULSE_WIDTH
+from rpms_ros.stimulation.devices.rapid2 import SerialDevice, open_port
 from rpms_ros.stimulation.devices.registry import DeviceError, DeviceStatus, TooLate
-from rpms_ros.stimulation.devices.serial_line import SerialDevice, open_port
 
 # Linux; Python has no name for it
 TIOCGEXCL = 0x80045440
@@ -216,7 +216,7 @@ def test_trigger_that_comes_too_late_is_not_written(fake, device):
 
 def test_device_that_does_not_charge(instrument, monkeypatch, patient_device):
     fake = instrument(charge_s=60.0, watchdog_s=20.0)
-    monkeypatch.setattr('rpms_ros.stimulation.devices.serial_line._CHARGE_S', 0.05)
+    monkeypatch.setattr('rpms_ros.stimulation.devices.rapid2._CHARGE_S', 0.05)
     device = patient_device(fake.port)
     with pytest.raises(DeviceError, match=r'expected a device that is ready within 0\.05 s'):
         device.arm()
@@ -422,7 +422,7 @@ def test_a_fork_that_outlives_the_driver_does_not_keep_it_armed(fake, wait_for):
     # the fork holds the driver's socket open: its end is never seen, its silence is
     text = (
         'import os, sys, time\n'
-        'from rpms_ros.stimulation.devices.serial_line import SerialDevice\n'
+        'from rpms_ros.stimulation.devices.rapid2 import SerialDevice\n'
         'device = SerialDevice(sys.argv[1], timeout_s=5.0, beat_limit_s=3.0)\n'
         'device.open()\n'
         'device.arm()\n'

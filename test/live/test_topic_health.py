@@ -8,7 +8,7 @@ import hypothesis.strategies as st
 import pytest
 from hypothesis import given
 
-from rpms_ros.live.heard import Publisher, Topic, numbers
+from rpms_ros.live.topic_health import Publisher, Topic, numbers
 
 PULSE = 'rpms_msgs/msg/Pulse'
 

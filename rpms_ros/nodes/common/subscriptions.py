@@ -16,7 +16,7 @@ from rclpy.subscription import Subscription
 from rpms_ros.nodes.common.qos import VIEW
 
 
-def second_node(node: Node, suffix: str = '_hearing') -> Node:
+def second_node(node: Node, suffix: str = '_subscriptions') -> Node:
     """Return a node of the same context and namespace that no executor and no service knows.
 
     What its subscriptions get is taken from them with `drained`.
@@ -38,7 +38,7 @@ def second_node(node: Node, suffix: str = '_hearing') -> Node:
     )
 
 
-def taken_from(node: Node, kind: Any, name: str, profile: QoSProfile) -> Subscription:
+def queued_subscription(node: Node, kind: Any, name: str, profile: QoSProfile) -> Subscription:
     """Create a subscription whose messages are taken with `drained`."""
     # rclpy requires a callback
     return node.create_subscription(kind, name, lambda _: None, profile)
@@ -69,14 +69,14 @@ def drained(subscription: Subscription | None) -> list[Taken]:
         ]
 
 
-class Ear:
+class QueuedTopic:
     """Hears a topic reliably, and best effort where nobody publishes it otherwise.
 
     Parameters
     ----------
     named : Node
         Node with the remappings of topics.
-    hearing : Node
+    listener : Node
         Node that owns the subscriptions; it is in no executor.
     kind : type
         Message class.
@@ -92,23 +92,23 @@ class Ear:
     """
 
     def __init__(
-        self, named: Node, hearing: Node, kind: Any, topic: str, profile: QoSProfile
+        self, named: Node, listener: Node, kind: Any, topic: str, profile: QoSProfile
     ) -> None:
         self.name = named.resolve_topic_name(topic)
-        self._hearing, self._kind = hearing, kind
-        self._reliable = taken_from(hearing, kind, self.name, profile)
+        self._listener, self._kind = listener, kind
+        self._reliable = queued_subscription(listener, kind, self.name, profile)
         self._best_effort: Subscription | None = None
         self._alone = False
 
     def look(self) -> bool:
         """Look at the publishers; return whether it is heard best effort from now on."""
-        infos = self._hearing.get_publishers_info_by_topic(self.name)
+        infos = self._listener.get_publishers_info_by_topic(self.name)
         self._alone = bool(infos) and all(
             one.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT for one in infos
         )
         begins = self._alone and self._best_effort is None
         if begins:
-            self._best_effort = taken_from(self._hearing, self._kind, self.name, VIEW)
+            self._best_effort = queued_subscription(self._listener, self._kind, self.name, VIEW)
         return begins
 
     def taken(self) -> list[Taken]:
