@@ -91,6 +91,12 @@ def test_what_is_right_is_good(trial, name):
     assert verdict.line == f'good: {reason}'
 
 
+def test_a_staircase_is_good():
+    # for a long time a recording that is fitted as a whole could not be predicted
+    intensity = np.concatenate((np.repeat(np.linspace(0.0, 1.0, 11), 30), np.full(130, 0.7)))
+    assert judged(simulated(intensity, 23), 'batch').grade == 'good'
+
+
 def test_a_session_that_ends_below_the_threshold_is_good():
     intensity = np.random.default_rng(1).uniform(0.0, 1.0, 20 * SECONDS)
     intensity[len(intensity) // 2 - 20 :] = 0.1

@@ -240,6 +240,8 @@ def _of_the_fit(
         yield (DOUBTFUL, 'too short: no sample was predicted before it was learnt')
     residual = (force - session.prediction)[late]
     error = float(np.sqrt(np.mean(np.square(residual)))) if len(residual) else 0.0
+    # the estimate of the end may explain what could not be predicted
+    error = min(error, found.error)
     slow = max(error**2 - white_noise(force[late]) ** 2, 0.0) ** 0.5 if error else 0.0
     if slow > _LARGEST_RESIDUAL * span:
         text = (
