@@ -55,6 +55,8 @@ from rpms_ros.identification.estimation.window_equations import (
 from rpms_ros.identification.estimation.window_fit import (
     INTERVAL_NS,
     KNOT_INTERVALS,
+    LEAST_ENERGY,
+    MODEL_ERROR,
     Scales,
     Window,
     WindowFit,
@@ -103,6 +105,54 @@ _SMOOTHED, _LAGS, _LEAST_COMPARED, _EXPLAINED, _FOLLOWED = 2, 6, 160, 0.5, 0.02
 # It is lively where it moves by this share of that force in an interval, in the median: a heart of
 # 2 % and a breath of 3 % do by 1 %, efforts now and then do not.
 _LIVELY_SHARE = 5e-3
+
+
+# An event is an interval in which the muscle and a line leave so many times the mean square of the
+# median; it lasts for as long as that is above the second number.  So many intervals at most, so
+# many without anything before and after it, of so many samples at least.
+_LEAST_TOLD = 8
+_EVENT, _PART, _LONGEST_EVENT, _BEFORE, _AFTERWARDS = 12.0, 4.0, 8, 8, 4
+
+
+def short_event(stamp_ns: IntArray, force: FloatArray, rest: FloatArray) -> tuple[int, int] | None:
+    """Return when the newest short event that nothing explains began and ended [ns], if any.
+
+    The joint gives way for a moment, a pulse was not heard, somebody knocks: afterwards the
+    muscle is the same.
+
+    Parameters
+    ----------
+    stamp_ns : ndarray of int64 (samples,)
+        Ascending [ns].
+    force, rest : ndarray (samples,)
+        Measured, and what the muscle leaves of it [N].
+    """
+    if not len(stamp_ns):
+        return None
+    cell, time = stamp_ns // INTERVAL_NS, stamp_ns % INTERVAL_NS / INTERVAL_NS
+    # the newest interval is not complete
+    count = int(cell[-1] - cell[0])
+    products = np.ones(len(time)), time, rest, time * time, time * rest, rest * rest
+    sums = (np.bincount(cell - cell[0], one, count + 1)[:count] for one in products)
+    samples, t, y, tt, ty, yy = sums
+    full = samples >= _LEAST_TOLD
+    if np.count_nonzero(full) < _BEFORE + _AFTERWARDS:
+        return None
+    samples = np.maximum(samples, 1.0)
+    spread = np.maximum(tt - t * t / samples, 1e-9)
+    left = (yy - y * y / samples - (ty - t * y / samples) ** 2 / spread) / samples
+    least = max(float(np.median(left[full])), MODEL_ERROR * float(np.var(force)) + LEAST_ENERGY)
+    ratio = np.where(full, left / least, 0.0)
+    found = np.flatnonzero(ratio > _PART)
+    if not len(found):
+        return None
+    end = int(found[-1]) + 1
+    begin = int(found[found >= end - _LONGEST_EVENT][0])
+    quiet = begin >= _BEFORE and ratio[begin - _BEFORE : begin].max() <= _PART
+    if not quiet or ratio[begin:end].max() < _EVENT:
+        return None
+    first = int(cell[0])
+    return (first + begin - 1) * INTERVAL_NS, (first + end + 1) * INTERVAL_NS
 
 
 def follows_intensity(problem: Problem, fit: WindowFit, full: float) -> bool:
@@ -501,14 +551,20 @@ class TrackingEstimator(ProjectionEstimator):
         self._follow_tremor()
         if int(self._problem.blocks.size[0]) - self._problem.first < 2:
             return
-        basis, fit = self._basis, self._window
+        basis, fit, event = self._basis, self._window, None
         if self._choose and fit.variance > 0.0:
             since_ns = self._now_ns - _COLOUR_NS
             rest = self._raw.rest(basis, fit.point.theta, fit.point.linear, since_ns)
             fit.colour = noise_colour(*rest, fit.colour)
+            event = short_event(*rest) if self._schedule.begun else None
+            if event is not None and event[1] <= self._now_ns - _AFTERWARDS * INTERVAL_NS:
+                self._leave_out(*event)
+                event = None
         self._choose_basis()
         window = self._span()
-        self._look_for_change(window)
+        # a change is named only if it lasts
+        if event is None or not self._watch.deliberating:
+            self._look_for_change(window)
         if not self._watch.deliberating:
             young = window.now_ns - window.first_ns < _YOUNG_NS
             steps = _FIRST_STEPS if young or basis != self._basis else _STEPS
@@ -520,6 +576,17 @@ class TrackingEstimator(ProjectionEstimator):
             if self._find and self._window.variance > 0.0:
                 self._watch.remember(snapshot(self._window, window.now_ns))
         self._predict_by_window(INTERVAL_NS)
+
+    def _leave_out(self, begin_ns: int, end_ns: int) -> None:
+        """Leave out the blocks with samples from a time to another [ns]."""
+        blocks, order = self._problem.blocks, ring_order(self._problem.blocks)
+        start_ns = blocks.start_ns[order]
+        first = max(int(np.searchsorted(start_ns, begin_ns, side='right')) - 1, 0)
+        last = int(np.searchsorted(start_ns, end_ns))
+        if first < last < len(order):
+            for sums in (blocks.gram, blocks.response, blocks.moments):
+                sums[order[first:last]] = 0.0
+            self._raw.cut(int(start_ns[first]), int(start_ns[last]))
 
     def _try_other_start(self, knowledge: Knowledge, window: Window) -> None:
         """While the window is young try the next start; go on from there if it is better."""

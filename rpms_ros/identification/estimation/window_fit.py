@@ -108,7 +108,7 @@ LIVELINESS: FloatArray = 10.0 ** np.arange(-6.0, -0.4, 0.5)
 # and breath do, need not wander.
 INCREMENTS: FloatArray = np.concatenate(([1e3], 10.0 ** np.arange(-0.5, -5.1, -0.5)))
 # They have one from this place in `LIVELINESS` on; below it a sensor may drift.
-_LEAST_MOVING = 3
+_LEAST_MOVING = 8
 # Change of force and time constant over the distance of two knots (relative), of thresholds over
 # an interval.
 CHANGES: FloatArray = np.concatenate(([1e-5], 10.0 ** np.arange(-4.0, -0.9, 0.5)))

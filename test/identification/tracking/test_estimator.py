@@ -162,6 +162,24 @@ def test_an_effort_under_a_sinusoid_does_not_mislead_the_basis(living_sessions):
     assert np.mean(inside[30:]) > 0.9
 
 
+@pytest.mark.parametrize('what', ['gives way', 'unheard'])
+def test_after_a_short_event_the_muscle_is_the_same(living_sessions, what):
+    """It was named a change, and the curve was wrong by a third and more for ten seconds."""
+    session = living_sessions.session('steady', 'random', 3, 30.0)
+    seconds = session.stamp_ns / 1e9
+    if what == 'gives way':
+        away = (seconds > 20.0) & (seconds < 20.4)
+        session = session._replace(force=np.where(away, 0.4 * session.force, session.force))
+    else:
+        strong = np.flatnonzero((session.onset_ns > 20_000_000_000) & (session.intensity > 0.9))
+        heard = np.delete(np.arange(len(session.onset_ns)), strong[0])
+        pulses = {name: getattr(session, name)[heard] for name in ('onset_ns', 'intensity')}
+        session = session._replace(**pulses)
+    _, estimates = run(session)
+    assert estimates[-1].changes == 0
+    assert errors(session, estimates)[session.noted_s > 15.0].max() < 0.01
+
+
 def test_an_effort_before_the_muscle_is_known_does_not_hold_the_fit(living_sessions):
     """Taken for the muscle at first, an effort at 6 s kept the fit 30 % wrong until 17 s."""
     session = living_sessions.session('bursts', 'sinusoid', 15, 15.0)
