@@ -180,4 +180,5 @@ def test_scenario(name, scenario):
     if scenario in ('steady', 'silence', 'gap') and name in ('batch', 'tracking'):
         # not by being wide: ten seconds at 0.2 % noise tell the curve to about 0.1 %
         half = (estimate.curve_upper - estimate.curve_force).max() / recording.curve.max()
-        assert half < 0.02
+        # in 25 s of silence a muscle may recover, by an unknown amount
+        assert half < (0.025 if scenario == 'silence' else 0.02)
