@@ -580,13 +580,13 @@ class TrackingEstimator(ProjectionEstimator):
     def _leave_out(self, begin_ns: int, end_ns: int) -> None:
         """Leave out the blocks with samples from a time to another [ns]."""
         blocks, order = self._problem.blocks, ring_order(self._problem.blocks)
-        start_ns = blocks.start_ns[order]
-        first = max(int(np.searchsorted(start_ns, begin_ns, side='right')) - 1, 0)
-        last = int(np.searchsorted(start_ns, end_ns))
+        first = max(first_block_after(self._problem, begin_ns) - 1, 0)
+        last = first_block_after(self._problem, end_ns - 1)
         if first < last < len(order):
             for sums in (blocks.gram, blocks.response, blocks.moments):
                 sums[order[first:last]] = 0.0
-            self._raw.cut(int(start_ns[first]), int(start_ns[last]))
+            begin_ns, end_ns = blocks.start_ns[order[[first, last]]].tolist()
+            self._raw.cut(begin_ns, end_ns)
 
     def _try_other_start(self, knowledge: Knowledge, window: Window) -> None:
         """While the window is young try the next start; go on from there if it is better."""

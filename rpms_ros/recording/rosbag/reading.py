@@ -101,8 +101,14 @@ def _schedule_of(message: Any) -> RecordedSchedule:
     )
 
 
-DAMAGE = {'damaged_chunk', 'damaged_record', 'missing_file', 'truncated_file'}
-DAMAGE |= {'undecodable_message', 'unreadable_file'}
+DAMAGE = {
+    'damaged_chunk',
+    'damaged_record',
+    'missing_file',
+    'truncated_file',
+    'undecodable_message',
+    'unreadable_file',
+}
 """Faults of a recording of which a part is lost."""
 
 
