@@ -285,6 +285,7 @@ class BasisChoice:
         for one in trials:
             # likelihoods are comparable only if all weight the samples alike
             one.most_inflation, one.colour = 1.0, present.colour
+            one.left_out = present.left_out
             steps = _ROUGH_STEPS if rough else _STEPS
             gauss_newton_steps(problem, one, self.knowledge, window, steps)
         return max(trials, key=lambda one: one.likelihood)

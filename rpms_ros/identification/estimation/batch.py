@@ -32,10 +32,12 @@ from rpms_ros.identification.estimation.window_equations import Intervals, no_ch
 from rpms_ros.identification.estimation.window_fit import (
     INTERVAL_NS,
     LIVELINESS,
+    NO_EVENTS,
     Window,
     WindowFit,
     fresh_fit,
     gauss_newton_steps,
+    short_events,
 )
 from rpms_ros.identification.model.estimate import DEFAULT_RATE, Estimate
 from rpms_ros.identification.model.recruitment import NONLINEAR
@@ -210,10 +212,13 @@ class BatchEstimator(ProjectionEstimator):
         if scouting:
             self._scout(fit)
         # of another length of the intervals the disturbance says little
-        fit.levels, fit.inflation = fit.levels[-2:].copy(), 1.0
+        fit.levels, fit.inflation, fit.left_out = fit.levels[-2:].copy(), 1.0, NO_EVENTS
         window = self._span(self._problem)
         at = gauss_newton_steps(self._problem, fit, knowledge, window, _FINAL_STEPS)
         if at is not None and scouting:
+            fit.left_out = short_events(fit, at)
+            if len(fit.left_out):
+                at = gauss_newton_steps(self._problem, fit, knowledge, window, _FINAL_STEPS) or at
             self.unexplained = unexplained(at.intervals, window.length_ns, at.point.linear)
 
     def _scout(self, fit: WindowFit) -> None:
@@ -262,8 +267,9 @@ class BatchEstimator(ProjectionEstimator):
         window = self._constant(first_ns, INTERVAL_NS, len(LIVELINESS) - 1)
         fit = fresh_fit(theta, present.functions)
         if present == self._basis:
-            fit = replace(self._window, levels=np.zeros(2), first=0)
-        gauss_newton_steps(problem, fit, knowledge, window, _CHOICE_STEPS)
+            fit = replace(self._window, levels=np.zeros(2), first=0, left_out=NO_EVENTS)
+        at = gauss_newton_steps(problem, fit, knowledge, window, _CHOICE_STEPS)
+        fit.left_out = NO_EVENTS if at is None else short_events(fit, at)
         choice = BasisChoice(self._raw, present, fit, knowledge, window, None)
         self._searches += everywhere
         basis = choice.better(everywhere)

@@ -41,13 +41,16 @@ from rpms_ros.identification.estimation.window_equations import (
 )
 from rpms_ros.identification.estimation.window_fit import (
     LIVELINESS,
+    MODEL_ERROR,
+    UNEXPLAINED,
     StartLevels,
     Window,
     WindowFit,
+    left_after,
     steps_at_fixed_scales,
 )
 from rpms_ros.identification.model.recruitment import NONLINEAR, coordinates
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray
 
 DECISION = 30.0
 _STEPS = 3
@@ -64,6 +67,8 @@ _RESTLESS, _GOES_ON = 0.002, 1.5
 _JUMP = 0.5
 # Largest mean square residual, relative to the noise, of samples that are explained.
 _EXPLAINED = 1.25
+# Newest intervals that a change has to explain while it may be a short event.
+_NEWEST_INTERVALS = 3
 NOTHING, BASELINE = 'nothing', 'baseline'
 GAIN, THRESHOLDS, DYNAMICS = 'gain', 'thresholds', 'dynamics'
 MUSCLE = (GAIN, THRESHOLDS, DYNAMICS)
@@ -113,27 +118,44 @@ def snapshot(fit: WindowFit, stamp_ns: int) -> Snapshot:
     )
 
 
-class Alert(NamedTuple):
-    """Sizes of the newest a-priori errors and forces.
+class Present(NamedTuple):
+    """What is watched for changes.
 
     Attributes
     ----------
+    problem : Problem
+        Blocks of the samples.
+    window : Window
+        Those that the fit explains.
+    prior : Knowledge
+        Physiology and bounds.
     error, force : float
-        Mean squares over the last second [N^2].
+        Mean squares of the newest a-priori errors and forces, over the last second [N^2].
     samples : float
         Number of these samples.
     """
 
+    problem: Problem
+    window: Window
+    prior: Knowledge
     error: float
     force: float
     samples: float
 
+    def is_unexpected(self, fit: WindowFit) -> bool:
+        """Return whether errors are larger than the noise of a fit."""
+        return self.samples >= _LEAST_SAMPLES and self.error > _SUSPICIOUS * fit.variance > 0.0
+
 
 class Explanation(NamedTuple):
-    """A way to explain the samples after a snapshot."""
+    """A way to explain the samples after a snapshot.
+
+    `lasts` says whether it explains the newest ones to within the noise.
+    """
 
     kind: str
     odds: float
+    lasts: bool
     before: Snapshot
     fit: WindowFit
     knowledge: Knowledge
@@ -230,6 +252,7 @@ def explain(
     kind: str,
     disturbance: int,
     force: float,
+    left_out: IntArray | None,
 ) -> Explanation | None:
     """Explain the samples of a window that begins after a snapshot; None if it cannot be done."""
     known = after(before, kind, knowledge, (window.now_ns - before.stamp_ns) / window.length_ns)
@@ -244,12 +267,17 @@ def explain(
         levels=np.zeros(2),
         first=0,
         covariance=np.zeros((unknowns, unknowns)),
+        left_out=before.fit.left_out if left_out is None else left_out,
     )
     span = replace(window.without_past, start=_start(before, window, kind, force))
     steps = _STEPS if kind == THRESHOLDS else 2
-    if not steps_at_fixed_scales(problem, fit, known, span, steps):
+    at = steps_at_fixed_scales(problem, fit, known, span, steps)
+    if at is None:
         return None
-    return Explanation(kind, fit.evidence, before, fit, known)
+    newest = (left_after(fit, at)[1] / np.maximum(at.every.samples, 1.0))[-_NEWEST_INTERVALS:]
+    most = UNEXPLAINED * max(before.fit.variance, 0.25 * MODEL_ERROR * force**2)
+    lasts = fit.scales.lively <= before.fit.scales.lively and bool(np.all(newest < most))
+    return Explanation(kind, fit.evidence, lasts, before, fit, known)
 
 
 def quiet(one: Explanation, disturbance: int) -> bool:
@@ -258,13 +286,15 @@ def quiet(one: Explanation, disturbance: int) -> bool:
 
 
 def compare_hypotheses(
-    problem: Problem, before: Snapshot, window: Window, prior: Knowledge, alert: Alert, named: bool
+    present: Present, before: Snapshot, named: bool, left_out: IntArray | None = None
 ) -> Mapping[str, Explanation]:
     """Return the explanations of what follows a snapshot by kind, with odds against no change.
 
     While no change is `named`, no change of the muscle is tried if a disturbance or the baseline
-    explains the samples.  Empty if there are too few.
+    explains the samples.  Empty if there are too few.  All since the snapshot count but those
+    `left_out`, see `WindowFit`.
     """
+    problem, window = present.problem, present.window
     first = first_block_after(problem, before.stamp_ns)
     if first >= int(problem.blocks.size[0]) - 2:
         return {}
@@ -272,7 +302,7 @@ def compare_hypotheses(
     start_ns = int(blocks.start_ns[(int(blocks.head[0]) + first) % len(blocks.start_ns)])
     problem = problem._replace(first=first)
     span = replace(window.without_past, first_ns=start_ns, origin=origin_of(before))
-    force = float(np.sqrt(alert.force)) + 1e-9
+    force = float(np.sqrt(present.force)) + 1e-9
     now = before.fit.scales.lively
     lively = len(LIVELINESS) - 2
     found: dict[str, Explanation] = {}
@@ -280,7 +310,7 @@ def compare_hypotheses(
         if not named and kind in MUSCLE and any(quiet(one, now) for one in found.values()):
             break
         tried = [
-            explain(problem, before, prior, span, kind, disturbance, force)
+            explain(problem, before, present.prior, span, kind, disturbance, force, left_out)
             for disturbance in sorted({now, lively})
         ]
         if explained := [one for one in tried if one is not None]:
@@ -292,6 +322,7 @@ def compare_hypotheses(
 
 
 _DELIBERATION_NS = 500_000_000
+_LONGEST_DELIBERATION_NS = 1_500_000_000
 _NAMING_NS = 4 * NANOSECONDS_PER_SECOND
 # Changes are found only after the muscle was observed for so long.
 _LEAST_KNOWN_NS = 5 * NANOSECONDS_PER_SECOND
@@ -306,6 +337,10 @@ _LEAST_SAMPLES = 50.0
 _IN_VAIN = 8
 # Difference of the evidence from which the kind is corrected [nat].
 _RENAMED = 3.0
+# That of a change by the samples after a short event [nat].
+_LASTING = 10.0
+# Intervals before and after an alarm that do not tell that the change lasts.
+_AROUND = 3
 _REMEMBERED = 10
 
 
@@ -357,22 +392,29 @@ class ChangeWatch:
         self._alarm_ns = None
         self._named = None
 
-    def look(
-        self, problem: Problem, window: Window, fit: WindowFit, prior: Knowledge, alert: Alert
-    ) -> Explanation | None:
+    def look(self, fit: WindowFit, present: Present) -> Explanation | None:
         """Return the change after which the window has to begin, if there is one now."""
-        now_ns = window.now_ns
+        now_ns = present.window.now_ns
         if self._named is not None:
-            return self._renamed(problem, window, prior, alert)
+            return self._renamed(present)
         if self._alarm_ns is None:
-            suspicious = self._suspicious(fit, alert)
-            if suspicious and self._best(problem, window, prior, alert, _FIRST_LOOK):
+            suspicious = self._suspicious(fit, present)
+            if suspicious and self._best(present, _FIRST_LOOK):
                 self._alarm_ns = now_ns
                 self._in_vain = 0
             return None
         if now_ns - self._alarm_ns < _DELIBERATION_NS:
             return None
-        best = self._best(problem, window, prior, alert)
+        best = self._best(present)
+        if best is not None:
+            # what lasts for a moment only is no change of the muscle
+            pending = now_ns // present.window.length_ns in fit.left_out
+            lasts = best.lasts or None if pending else _since(best, present, fit, self._alarm_ns)
+            if lasts is None and now_ns - self._alarm_ns < _LONGEST_DELIBERATION_NS:
+                return None
+            if not (lasts or pending):
+                best = None
+                self._snapshots.clear()
         self._alarm_ns = None
         if best is None:
             return None
@@ -381,19 +423,13 @@ class ChangeWatch:
         self.found.append(FoundChange(best.before.stamp_ns, best.kind))
         return best
 
-    def _suspicious(self, fit: WindowFit, alert: Alert) -> bool:
+    def _suspicious(self, fit: WindowFit, present: Present) -> bool:
         """Return whether to search for a change: rarely after many searches without a result."""
-        large = (
-            len(self._snapshots) >= _LEAST_SNAPSHOTS
-            and alert.samples >= _LEAST_SAMPLES
-            and alert.error > _SUSPICIOUS * fit.variance > 0.0
-        )
+        large = len(self._snapshots) >= _LEAST_SNAPSHOTS and present.is_unexpected(fit)
         self._in_vain = self._in_vain + 1 if large else 0
         return large and (self._in_vain <= _IN_VAIN or self._in_vain % _IN_VAIN == 0)
 
-    def _best(
-        self, problem: Problem, window: Window, prior: Knowledge, alert: Alert, stride: int = 1
-    ) -> Explanation | None:
+    def _best(self, present: Present, stride: int = 1) -> Explanation | None:
         """Return the change that explains the newest samples best, if the odds decide.
 
         When it is decided: None if the muscle as it was known last explains them, because what
@@ -402,9 +438,9 @@ class ChangeWatch:
         best = None
         explained = 0 if stride == 1 else _NEWEST
         for before in list(self._snapshots)[-_CANDIDATES:][::-stride]:
-            if before.stamp_ns < window.first_ns + _LEAST_KNOWN_NS:
+            if before.stamp_ns < present.window.first_ns + _LEAST_KNOWN_NS:
                 continue
-            found = compare_hypotheses(problem, before, window, prior, alert, named=False)
+            found = compare_hypotheses(present, before, named=False)
             if explained < _NEWEST and NOTHING in found:
                 if not quiet(found[NOTHING], before.fit.scales.lively):
                     explained = _NEWEST
@@ -415,16 +451,14 @@ class ChangeWatch:
                 best = one
         return best if best is not None and best.odds >= DECISION else None
 
-    def _renamed(
-        self, problem: Problem, window: Window, prior: Knowledge, alert: Alert
-    ) -> Explanation | None:
+    def _renamed(self, present: Present) -> Explanation | None:
         """Return the change with another kind, if that has become more likely."""
         named = self._named
         assert named is not None
-        if window.now_ns - named.before.stamp_ns > _NAMING_NS:
+        if present.window.now_ns - named.before.stamp_ns > _NAMING_NS:
             self._named = None
             return None
-        found = compare_hypotheses(problem, named.before, window, prior, alert, named=True)
+        found = compare_hypotheses(present, named.before, named=True)
         best = _of_muscle(found)
         if best is None or best.kind == named.kind or named.kind not in found:
             return None
@@ -433,6 +467,16 @@ class ChangeWatch:
         self._named = best
         self.found[-1] = self.found[-1]._replace(kind=best.kind)
         return best
+
+
+def _since(change: Explanation, present: Present, fit: WindowFit, alarm_ns: int) -> bool | None:
+    """Return whether samples after an alarm show a change; None if they do not tell yet."""
+    around = alarm_ns // present.window.length_ns + np.arange(-_AROUND, _AROUND)
+    left_out = np.union1d(fit.left_out, around)
+    since = _of_muscle(compare_hypotheses(present, change.before, False, left_out))
+    if since is None or since.odds < -_RENAMED:
+        return False
+    return since.odds > _LASTING or None
 
 
 def first_block_after(problem: Problem, stamp_ns: int) -> int:

@@ -332,14 +332,6 @@ class RawSamples:
         self._size -= first
         self._pulses -= first_pulse
 
-    def cut(self, begin_ns: int, end_ns: int) -> None:
-        """Leave out the samples from a time to another [ns]."""
-        first, last = np.searchsorted(self._stamp_ns[: self._size], (begin_ns, end_ns)).tolist()
-        for name in _SAMPLES:
-            values = getattr(self, name)
-            values[first : self._size - (last - first)] = values[last : self._size].copy()
-        self._size -= last - first
-
     def newest_pulses(self, count: int) -> tuple[IntArray, FloatArray, FloatArray]:
         """Return onset [ns], intensity and weight of the newest pulses (count,)."""
         here = slice(self._pulses - count, self._pulses)

@@ -29,9 +29,9 @@ from rpms_ros.identification.estimation.basis_choice import (
 from rpms_ros.identification.estimation.blocks import ring_order
 from rpms_ros.identification.estimation.change_detection import (
     DYNAMICS,
-    Alert,
     ChangeWatch,
     Explanation,
+    Present,
     first_block_after,
     origin_of,
     snapshot,
@@ -55,14 +55,14 @@ from rpms_ros.identification.estimation.window_equations import (
 from rpms_ros.identification.estimation.window_fit import (
     INTERVAL_NS,
     KNOT_INTERVALS,
-    LEAST_ENERGY,
-    MODEL_ERROR,
+    Linearised,
     Scales,
     Window,
     WindowFit,
     fresh_fit,
     gain_swing,
     gauss_newton_steps,
+    short_events,
     steps_at_fixed_scales,
 )
 from rpms_ros.identification.model.basis import LaguerreBasis, conversion
@@ -105,54 +105,6 @@ _SMOOTHED, _LAGS, _LEAST_COMPARED, _EXPLAINED, _FOLLOWED = 2, 6, 160, 0.5, 0.02
 # It is lively where it moves by this share of that force in an interval, in the median: a heart of
 # 2 % and a breath of 3 % do by 1 %, efforts now and then do not.
 _LIVELY_SHARE = 5e-3
-
-
-# An event is an interval in which the muscle and a line leave so many times the mean square of the
-# median; it lasts for as long as that is above the second number.  So many intervals at most, so
-# many without anything before and after it, of so many samples at least.
-_LEAST_TOLD = 8
-_EVENT, _PART, _LONGEST_EVENT, _BEFORE, _AFTERWARDS = 12.0, 4.0, 8, 8, 4
-
-
-def short_event(stamp_ns: IntArray, force: FloatArray, rest: FloatArray) -> tuple[int, int] | None:
-    """Return when the newest short event that nothing explains began and ended [ns], if any.
-
-    The joint gives way for a moment, a pulse was not heard, somebody knocks: afterwards the
-    muscle is the same.
-
-    Parameters
-    ----------
-    stamp_ns : ndarray of int64 (samples,)
-        Ascending [ns].
-    force, rest : ndarray (samples,)
-        Measured, and what the muscle leaves of it [N].
-    """
-    if not len(stamp_ns):
-        return None
-    cell, time = stamp_ns // INTERVAL_NS, stamp_ns % INTERVAL_NS / INTERVAL_NS
-    # the newest interval is not complete
-    count = int(cell[-1] - cell[0])
-    products = np.ones(len(time)), time, rest, time * time, time * rest, rest * rest
-    sums = (np.bincount(cell - cell[0], one, count + 1)[:count] for one in products)
-    samples, t, y, tt, ty, yy = sums
-    full = samples >= _LEAST_TOLD
-    if np.count_nonzero(full) < _BEFORE + _AFTERWARDS:
-        return None
-    samples = np.maximum(samples, 1.0)
-    spread = np.maximum(tt - t * t / samples, 1e-9)
-    left = (yy - y * y / samples - (ty - t * y / samples) ** 2 / spread) / samples
-    least = max(float(np.median(left[full])), MODEL_ERROR * float(np.var(force)) + LEAST_ENERGY)
-    ratio = np.where(full, left / least, 0.0)
-    found = np.flatnonzero(ratio > _PART)
-    if not len(found):
-        return None
-    end = int(found[-1]) + 1
-    begin = int(found[found >= end - _LONGEST_EVENT][0])
-    quiet = begin >= _BEFORE and ratio[begin - _BEFORE : begin].max() <= _PART
-    if not quiet or ratio[begin:end].max() < _EVENT:
-        return None
-    first = int(cell[0])
-    return (first + begin - 1) * INTERVAL_NS, (first + end + 1) * INTERVAL_NS
 
 
 def follows_intensity(problem: Problem, fit: WindowFit, full: float) -> bool:
@@ -551,54 +503,41 @@ class TrackingEstimator(ProjectionEstimator):
         self._follow_tremor()
         if int(self._problem.blocks.size[0]) - self._problem.first < 2:
             return
-        basis, fit, event = self._basis, self._window, None
+        basis, fit = self._basis, self._window
         if self._choose and fit.variance > 0.0:
             since_ns = self._now_ns - _COLOUR_NS
             rest = self._raw.rest(basis, fit.point.theta, fit.point.linear, since_ns)
             fit.colour = noise_colour(*rest, fit.colour)
-            event = short_event(*rest) if self._schedule.begun else None
-            if event is not None and event[1] <= self._now_ns - _AFTERWARDS * INTERVAL_NS:
-                self._leave_out(*event)
-                event = None
         self._choose_basis()
+        self._look_for_change(self._span())
         window = self._span()
-        # a change is named only if it lasts
-        if event is None or not self._watch.deliberating:
-            self._look_for_change(window)
         if not self._watch.deliberating:
             young = window.now_ns - window.first_ns < _YOUNG_NS
             steps = _FIRST_STEPS if young or basis != self._basis else _STEPS
             knowledge = self._of_any_shape(self._knowledge)
             self._try_other_start(knowledge, self._span())
             at = gauss_newton_steps(self._problem, self._window, knowledge, self._span(), steps)
-            self._window.swing = 0.0 if at is None else gain_swing(self._window, at)
+            if at is not None:
+                self._window.swing = gain_swing(self._window, at)
+                self._window.left_out = short_events(self._window, at)
             self._doubt_what_is_from_before(self._span())
             if self._find and self._window.variance > 0.0:
                 self._watch.remember(snapshot(self._window, window.now_ns))
         self._predict_by_window(INTERVAL_NS)
 
-    def _leave_out(self, begin_ns: int, end_ns: int) -> None:
-        """Leave out the blocks with samples from a time to another [ns]."""
-        blocks, order = self._problem.blocks, ring_order(self._problem.blocks)
-        first = max(first_block_after(self._problem, begin_ns) - 1, 0)
-        last = first_block_after(self._problem, end_ns - 1)
-        if first < last < len(order):
-            for sums in (blocks.gram, blocks.response, blocks.moments):
-                sums[order[first:last]] = 0.0
-            begin_ns, end_ns = blocks.start_ns[order[[first, last]]].tolist()
-            self._raw.cut(begin_ns, end_ns)
-
     def _try_other_start(self, knowledge: Knowledge, window: Window) -> None:
         """While the window is young try the next start; go on from there if it is better."""
         problem, fit, starts = self._problem, self._window, self.settings.starts()
         length_ns = window.now_ns - window.first_ns
-        if length_ns > _CHALLENGED_NS or not fit.shows_response:
+        lively = fit.scales.lively >= LIVELY
+        if (length_ns > _CHALLENGED_NS or not fit.shows_response) and not lively:
             return
         self._turn = (self._turn + 1) % (_RESTS * len(starts))
         if length_ns > _OFTEN_NS and self._turn % _RESTS:
             return
         other = fresh_fit(starts[self._turn // _RESTS], len(fit.point.linear))
         other.variance, other.inflation, other.colour = fit.variance, fit.inflation, fit.colour
+        other.left_out = fit.left_out
         mine = replace(fit)
         if not steps_at_fixed_scales(problem, other, knowledge, window, _TRIAL_STEPS):
             return
@@ -667,7 +606,7 @@ class TrackingEstimator(ProjectionEstimator):
             return
         self._from_before = window.now_ns - int(acting_ns[0]) < _DOUBTED_NS
         alone = fresh_fit(self._window.point.theta, self._basis.functions)
-        alone.colour = self._window.colour
+        alone.colour, alone.left_out = self._window.colour, self._window.left_out
         prior = self._of_any_shape(self._prior)
         gauss_newton_steps(self._problem, alone, prior, window, _FIRST_STEPS)
         if self._knowledge.contradicted(self._window, alone):
@@ -678,16 +617,16 @@ class TrackingEstimator(ProjectionEstimator):
 
     def _look_for_change(self, window: Window) -> None:
         """Search for a change of the muscle; restart the window after it."""
-        if not self._find:
-            return
-        intake = self._intake
-        samples = float(intake.recent[0])
-        alert = Alert(
-            float(intake.error_energy[0]) / max(samples, 1.0),
-            float(intake.force_energy[0]) / max(samples, 1.0),
-            samples,
+        intake, fit = self._intake, self._window
+        samples = max(float(intake.recent[0]), 1.0)
+        error, force = float(intake.error_energy[0]), float(intake.force_energy[0])
+        present = Present(
+            self._problem, window, self._prior, error / samples, force / samples, samples
         )
-        change = self._watch.look(self._problem, window, self._window, self._prior, alert)
+        if present.is_unexpected(fit):
+            at = Linearised(self._problem, fit, self._knowledge, window)
+            fit.left_out = short_events(fit, at)
+        change = self._watch.look(fit, present) if self._find else None
         if change is not None:
             self._begin_after(change)
 
@@ -821,7 +760,9 @@ class TrackingEstimator(ProjectionEstimator):
         explained = choice.explained(found)
         quieter = explained.fit.scales.lively < LIVELY <= fit.scales.lively
         freed = explained.fit.inflation < _ALIKE * fit.colour < fit.inflation
-        if found != self._basis or explained.tremor or quieter or freed:
+        # what happens just now is no reason to take all for a disturbance
+        livelier = fit.scales.lively < LIVELY <= explained.fit.scales.lively
+        if explained.tremor or ((found != self._basis or quieter or freed) and not livelier):
             self._adopt(explained, found)
 
     def _compared_from(self) -> int:

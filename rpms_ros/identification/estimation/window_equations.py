@@ -173,6 +173,16 @@ class Intervals(NamedTuple):
     energy: FloatArray
     samples: FloatArray
 
+    def without(self, places: IntArray) -> 'Intervals':
+        """Return the same without the samples of those at some places."""
+        places = places[(places >= 0) & (places < len(self.samples))]
+        if not len(places):
+            return self
+        kept = [values.copy() for values in self[1:]]
+        for values in kept:
+            values[places] = 0.0
+        return Intervals(self.first, *kept)
+
 
 @numba.njit(cache=True)
 def empty_intervals(count: int, functions: int, first: int) -> Intervals:

@@ -9,7 +9,7 @@ approximation, exact except for theta).
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numba
@@ -51,7 +51,7 @@ from rpms_ros.identification.model.recruitment import (
     deviation_variance,
     from_coordinates,
 )
-from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import FloatArray, IntArray
 
 INTERVAL_NS = 125_000_000
 """Length of an interval of the disturbance [ns]."""
@@ -130,6 +130,12 @@ _MOST_INFLATION = 3.0
 # Standard deviations and intervals from which the gain is said to follow the disturbance,
 # and samples in each.
 _SURE_SWING, _LEAST_SWING_INTERVALS, _LEAST_RIPPLE = 5.0, 80, 8
+# An event is intervals in which the muscle leaves so many times the mean square of the median; so
+# many intervals with those after it, with gaps in between of less than so many, and all of them
+# this share of the window at most.
+UNEXPLAINED = 2.5
+_LONGEST_EVENT, _AFTER, _GAP, _MOST_EVENTS = 8, 3, 3, 0.2
+NO_EVENTS: IntArray = np.zeros(0, dtype=np.int64)
 # A step that gains less than this is as good as exact [nat]; a longer one is tried so often, with
 # a damping that rises from trial to trial and falls from step to step.
 _CERTAIN, _TRIALS = 2.0, 5
@@ -277,6 +283,8 @@ class WindowFit:
         Mean of (sum of residuals)^2 / samples in the intervals [N^2].
     swing : float
         By how much the gain follows the disturbance, see `gain_swing`.
+    left_out : ndarray of int64 (events,)
+        Numbers of the intervals that are not learnt from, see `short_events`.
     """
 
     point: Point
@@ -297,6 +305,7 @@ class WindowFit:
     damping: float = 0.0
     residual_spread: float = 0.0
     swing: float = 0.0
+    left_out: IntArray = field(default_factory=lambda: NO_EVENTS)
 
     @property
     def weighting_variance(self) -> float:
@@ -354,8 +363,10 @@ class Linearised:
         fit.point = point = fit.point.at_times(window.knots)
         self.problem, self.point, self.knowledge, self.window = problem, point, knowledge, window
         span = window.first_ns, window.length_ns, window.origin
-        self.intervals: Intervals = condensed(problem, point, *span)
-        first, count = int(self.intervals.first[0]), len(self.intervals.samples)
+        # that of the intervals which are left out, too
+        self.every: Intervals = condensed(problem, point, *span)
+        first, count = int(self.every.first[0]), len(self.every.samples)
+        self.intervals = self.every.without(fit.left_out - first)
         self.differences = _differences(fit, first, count + 1)
         self.ages = window.ages(first, count)
         self.equations: Equations = assembled(self.intervals, point, *self.ages)
@@ -598,20 +609,21 @@ def gauss_newton_steps(
 
 def steps_at_fixed_scales(
     problem: Problem, fit: WindowFit, knowledge: Knowledge, window: Window, steps: int
-) -> bool:
-    """Take so many steps with the present scales and variance; return whether they succeeded."""
+) -> Linearised | None:
+    """Take so many steps with the present scales and variance; see `gauss_newton_steps`."""
+    at = None
     for _ in range(steps):
         at = Linearised(problem, fit, knowledge, window)
         if at.samples == 0.0:
-            return False
+            return None
         reduced = at.reduced(fit.weighting_variance, fit.scales)
         solution = _solution(at, reduced, fit.scales)
         if solution is None:
-            return False
+            return None
         covariance = scaled_inverse(solution.hessian)
         step = _limited(at, solution, solution.step)
         _accept(fit, at, solution, step, covariance)
-    return True
+    return at
 
 
 def _limited(at: Linearised, solution: _Solution, step: FloatArray) -> FloatArray:
@@ -669,13 +681,15 @@ def _move(
     return None
 
 
-def _left_after(fit: WindowFit, at: Linearised) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return what a step from `at` leaves, see `_left`, and the gain of each interval."""
+def left_after(
+    fit: WindowFit, at: Linearised, every: bool = True
+) -> tuple[FloatArray, FloatArray]:
+    """Return what a step from `at` leaves, see `_left`, of all samples or of those learnt from."""
     age, position = at.ages
-    gain = 1.0 + at_ages(fit.point.gain, position)
-    delay = at_ages(fit.point.slowing, position)
+    gain, delay = 1.0 + at_ages(fit.point.gain, position), at_ages(fit.point.slowing, position)
     theta = coordinates(fit.point.theta) - coordinates(at.point.theta)
-    return *_left(at.intervals, theta, fit.point, gain, delay, age, fit.levels), gain
+    intervals = at.every if every else at.intervals
+    return _left(intervals, theta, fit.point, gain, delay, age, fit.levels)
 
 
 def _refresh_noise(fit: WindowFit, at: Linearised) -> None:
@@ -684,7 +698,8 @@ def _refresh_noise(fit: WindowFit, at: Linearised) -> None:
     Alike is a factor of at least 1 by which neighbouring ones tell less than independent ones.
     """
     intervals, local = at.intervals, NONLINEAR + len(at.point.linear)
-    scores, squares, gain = _left_after(fit, at)
+    gain = 1.0 + at_ages(fit.point.gain, at.ages[1])
+    scores, squares = left_after(fit, at, every=False)
     total = max(float(squares.sum()), 0.0)
     freedom = max(at.samples - float(unknowns_of(at.point) + 1), 1.0) + MODEL_ERROR_SAMPLES
     floor = MODEL_ERROR_SAMPLES * MODEL_ERROR * at.power
@@ -702,6 +717,39 @@ def _refresh_noise(fit: WindowFit, at: Linearised) -> None:
     scaled = steady * np.outer(scale, scale) + 1e-6 * np.eye(local)
     ratio = np.trace(np.linalg.solve(scaled, scatter * np.outer(scale, scale)))
     fit.inflation = max(1.0, float(ratio) / (local * fit.variance))
+
+
+def short_events(fit: WindowFit, at: Linearised) -> IntArray:
+    """Return the numbers of intervals (events,) that are not to be learnt from.
+
+    The joint gives way for a moment, a pulse was not heard, somebody knocks: the muscle and a
+    line for each interval explain what is before and after it.  After a step from `at`.
+    """
+    samples, hats = at.every.samples, at.every.gram[:, -2:, -2:] + LEAST_ENERGY * np.eye(2)
+    without = replace(fit, levels=np.zeros(len(samples) + 1))
+    scores, left = left_after(without, at)
+    level = scores[:, -2:, None]
+    left -= (level * np.linalg.solve(hats, level)).sum(axis=(1, 2))
+    known = samples >= _LEAST_RIPPLE
+    if not known.any():
+        return NO_EVENTS
+    left = np.where(known, left / np.maximum(samples, 1.0), 0.0)
+    least = max(float(np.median(left[known])), 0.25 * MODEL_ERROR * at.power + LEAST_ENERGY)
+    place = np.flatnonzero(left > UNEXPLAINED * least)
+    # as many intervals of the window's length
+    longest, after, gap = (
+        max(1, round(many * INTERVAL_NS / at.window.length_ns))
+        for many in (_LONGEST_EVENT, _AFTER, _GAP)
+    )
+    events = [NO_EVENTS]
+    events += [
+        np.arange(run[0] - 1, run[-1] + 1 + after)
+        for run in np.split(place, np.flatnonzero(np.diff(place) > gap) + 1)
+        if len(run) and run[-1] - run[0] < longest
+    ]
+    numbers = np.unique(np.concatenate(events))
+    few = len(numbers) <= _MOST_EVENTS * np.count_nonzero(known)
+    return numbers + int(at.every.first[0]) if few else NO_EVENTS
 
 
 def gain_swing(fit: WindowFit, at: Linearised) -> float:
@@ -727,7 +775,7 @@ def gain_swing(fit: WindowFit, at: Linearised) -> float:
         return 0.0
     linear, levels = fit.point.linear, fit.levels
     joint = NONLINEAR + len(linear)
-    gram, left = at.intervals.gram[number], _left_after(fit, at)[0][number]
+    gram, left = at.intervals.gram[number], left_after(fit, at)[0][number]
     force = linear @ gram[:, NONLINEAR:joint]
     hats = gram[:, joint:, joint:] + LEAST_ENERGY * np.eye(2)
     both = np.stack((force[:, joint:], left[:, joint:]), axis=-1)

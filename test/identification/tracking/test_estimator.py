@@ -162,6 +162,12 @@ def test_an_effort_under_a_sinusoid_does_not_mislead_the_basis(living_sessions):
     assert np.mean(inside[30:]) > 0.9
 
 
+def unheard(session, places):
+    """Return a session some of whose pulses nobody was told of."""
+    pulses = {name: np.delete(getattr(session, name), places) for name in ('onset_ns', 'intensity')}
+    return session._replace(**pulses)
+
+
 @pytest.mark.parametrize('what', ['gives way', 'unheard'])
 def test_after_a_short_event_the_muscle_is_the_same(living_sessions, what):
     """It was named a change, and the curve was wrong by a third and more for ten seconds."""
@@ -172,10 +178,20 @@ def test_after_a_short_event_the_muscle_is_the_same(living_sessions, what):
         session = session._replace(force=np.where(away, 0.4 * session.force, session.force))
     else:
         strong = np.flatnonzero((session.onset_ns > 20_000_000_000) & (session.intensity > 0.9))
-        heard = np.delete(np.arange(len(session.onset_ns)), strong[0])
-        pulses = {name: getattr(session, name)[heard] for name in ('onset_ns', 'intensity')}
-        session = session._replace(**pulses)
+        session = unheard(session, strong[0])
     _, estimates = run(session)
+    assert estimates[-1].changes == 0
+    assert errors(session, estimates)[session.noted_s > 15.0].max() < 0.01
+
+
+@pytest.mark.parametrize('seed', [0, 1])
+def test_unheard_pulses_under_a_sinusoid_are_no_change(living_sessions, seed):
+    """The disturbance took them up, and the muscle with them; the curve was 101 % wrong."""
+    session = living_sessions.session('steady', 'sinusoid', seed, 36.0)
+    lost = np.flatnonzero(np.random.default_rng(seed).uniform(size=len(session.onset_ns)) < 0.01)
+    session = unheard(session, lost)
+    _, estimates = run(session)
+    assert len(lost) > 4
     assert estimates[-1].changes == 0
     assert errors(session, estimates)[session.noted_s > 15.0].max() < 0.01
 
