@@ -62,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
     from rpms_ros.report.page import as_page
     from rpms_ros.report.recorded import RecordedMessages, recorded_messages
     from rpms_ros.report.result import IdentificationOptions, identified, result_of
-    from rpms_ros.report.session import report_of
+    from rpms_ros.report.session_report import report_of
     from rpms_ros.schema import plain
 
     options = options_of(IdentificationOptions, arguments)

@@ -31,14 +31,14 @@ from rpms_ros.identification.model.settings import (
     RecursiveSettings as RecursiveSettings,
     settings_by_name as settings_by_name,
 )
-from rpms_ros.identification.recursion.paper import ModifiedRecursiveLM as ModifiedRecursiveLM
-from rpms_ros.identification.recursion.people import (
-    PEOPLE as PEOPLE,
-    FixedSizeRecursion as FixedSizeRecursion,
-)
-from rpms_ros.identification.session import (
+from rpms_ros.identification.offline import (
     IdentifiedSession as IdentifiedSession,
     identify as identify,
+)
+from rpms_ros.identification.recursion.paper import ModifiedRecursiveLM as ModifiedRecursiveLM
+from rpms_ros.identification.recursion.recursive import (
+    PEOPLE as PEOPLE,
+    FixedSizeRecursion as FixedSizeRecursion,
 )
 from rpms_ros.identification.stream.stream import (
     IdentificationStream as IdentificationStream,

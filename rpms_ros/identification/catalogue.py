@@ -25,7 +25,7 @@ from rpms_ros.identification.model.estimate import (
 from rpms_ros.identification.model.history_law import TemporalSummation
 from rpms_ros.identification.model.settings import PEOPLE_PRESET, PRESET_NAMES, settings_by_name
 from rpms_ros.identification.recursion.paper import ModifiedRecursiveLM
-from rpms_ros.identification.recursion.people import PEOPLE, FixedSizeRecursion
+from rpms_ros.identification.recursion.recursive import PEOPLE, FixedSizeRecursion
 
 GROUP = 'rpms_ros.estimators'
 _PARTS = ('add_pulses', 'estimate', 'forget_pulses', 'memory', 'name', 'on_line', 'update')

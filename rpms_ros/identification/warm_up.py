@@ -22,7 +22,7 @@ import numpy as np
 from rpms_ros.identification.catalogue import estimator_by_name
 from rpms_ros.identification.model.estimate import Estimator
 from rpms_ros.identification.model.settings import PEOPLE_PRESET
-from rpms_ros.identification.session import identify
+from rpms_ros.identification.offline import identify
 from rpms_ros.identification.stream.stream import StreamSettings
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, ForceTrace, PulseTrain
 

@@ -35,7 +35,7 @@ from tornado.web import Application, RequestHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from rpms_ros.errors import LiveError
-from rpms_ros.live.session import Cursor, LiveSession
+from rpms_ros.live.live_session import Cursor, LiveSession
 
 SHORTEST_TOKEN = 16
 _LONGEST_TOKEN = 200

@@ -36,10 +36,10 @@ from rpms_msgs.msg import DriverStatus, MuscleEstimate, Pulse
 from rpms_ros import estimate_messages, messages
 from rpms_ros.axis import FORCE, UNITS, Axis, unit_vector
 from rpms_ros.errors import MessageError, NodeError
-from rpms_ros.live import session as shown
+from rpms_ros.live import live_session as shown
 from rpms_ros.live.force_course import forces_of, warm_up
+from rpms_ros.live.live_session import LiveSession
 from rpms_ros.live.server import Access, LiveServer, token_of
-from rpms_ros.live.session import LiveSession
 from rpms_ros.live.topic_health import Publisher, Topic
 from rpms_ros.nodes.common import qos, topics
 from rpms_ros.nodes.common.diagnostics import PERIOD_S, logger_of

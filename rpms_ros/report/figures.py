@@ -38,7 +38,7 @@ from rpms_ros.report.dose import Dose, dose_of
 from rpms_ros.report.known_muscle import KnownMuscle
 from rpms_ros.report.residuals import ResidualAnalysis
 from rpms_ros.report.result import impulse_response
-from rpms_ros.report.session import SessionReport
+from rpms_ros.report.session_report import SessionReport
 
 MEASURED, MODELLED, BAND, FAINT = '#a0a0a0', '#000000', '#dcdcdc', '#6e6e6e'
 # Smaller oscillations, as a share of the peak, are not visible in a figure.

@@ -16,7 +16,7 @@ from rpms_ros.printable import counted
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.report.dose import TRAIN_GAP
 from rpms_ros.report.figures import OF_THE_ESTIMATOR, as_svg, names_of
-from rpms_ros.report.session import SHARES_SHOWN, SessionReport
+from rpms_ros.report.session_report import SHARES_SHOWN, SessionReport
 from rpms_ros.report.text import RATE_WORDS, label, recruitment_shown, shown, with_interval
 from rpms_ros.schema import plain
 

@@ -160,7 +160,7 @@ def test_a_force_sample(graph, tracing, monkeypatch):
     way = compare('A force sample', tracer.passed['MainThread'])
     inside = [call for call in tracer.calls if set(call) <= set(way)]
     back = [call for call in inside if way.index(call[1]) < way.index(call[0])]
-    assert back == [('identification/recursion/people', 'identification/quality/doubts')]
+    assert back == [('identification/recursion/recursive', 'identification/quality/doubts')]
 
 
 def test_a_pulse(graph, tracing, instrument, monkeypatch, tmp_path):

@@ -16,7 +16,7 @@ from rpms_ros.identification import (
     StreamSettings,
     estimator_by_name,
 )
-from rpms_ros.identification.session import feed
+from rpms_ros.identification.offline import feed
 from rpms_ros.pulses import ForceTrace, Pulse, PulseTrain
 
 MILLISECOND = 1_000_000

@@ -18,7 +18,7 @@ import pytest
 
 from rpms_ros.identification.catalogue import ESTIMATORS, estimator_by_name
 from rpms_ros.identification.model.estimate import CONVERGED, CURVE_INTENSITY
-from rpms_ros.identification.session import identify
+from rpms_ros.identification.offline import identify
 from rpms_ros.muscle import Contraction, simulation_subject
 from rpms_ros.pulses import ForceTrace, PulseTrain
 

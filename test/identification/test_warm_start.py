@@ -17,7 +17,7 @@ from rpms_ros.identification import (
     StreamSettings,
     estimator_by_name,
 )
-from rpms_ros.identification.estimation.prior import known_from, warm_start
+from rpms_ros.identification.estimation.prior import fitted_muscle_of, warm_start
 from rpms_ros.identification.model.recruitment import recruitment_curve
 from rpms_ros.muscle import Contraction, IntensityRecruitment, Subject
 from rpms_ros.pulses import ForceTrace, PulseTrain
@@ -78,7 +78,11 @@ def test_what_is_known_is_the_muscle_of_the_result(estimator, tmp_path):
     """With a latency and a time constant for which the estimators choose their functions."""
     found = identified(replace(LAST_TIME, latency=20e-3, time_constant=20e-3), 12.0, estimator)
     found.to_json(tmp_path / 'result.json')
-    known, curve, response = known_from(tmp_path / 'result.json'), found.curve, found.response
+    known, curve, response = (
+        fitted_muscle_of(tmp_path / 'result.json'),
+        found.curve,
+        found.response,
+    )
     rho, _ = recruitment_curve(curve.intensity, known.theta)
     np.testing.assert_allclose(rho / rho[-1], curve.force / curve.force[-1], atol=2e-3)
     force = rho[-1] * known.basis.evaluate(response.time_s) @ known.linear
@@ -90,7 +94,7 @@ def test_what_says_nothing_of_a_muscle_or_comes_too_late_is_refused(tmp_path, la
     for text in ('{}', '[1]', '{"recruitment": null}', 'no JSON', '\xff'):
         path.write_text(text, encoding='latin-1')
         with pytest.raises(IdentificationError, match='of a session with a recruitment'):
-            known_from(path)
+            fitted_muscle_of(path)
     document = json.loads(last_time.read_text())
     theta = document['muscle']['theta']
     for name, value, message in (
@@ -104,9 +108,9 @@ def test_what_says_nothing_of_a_muscle_or_comes_too_late_is_refused(tmp_path, la
         muscle = {**document['muscle'], name: value}
         path.write_text(json.dumps({**document, 'muscle': muscle}))
         with pytest.raises(IdentificationError, match=message):
-            known_from(path)
+            fitted_muscle_of(path)
     with pytest.raises(IdentificationError, match='No such file'):
-        known_from(tmp_path / 'none')
+        fitted_muscle_of(tmp_path / 'none')
     with pytest.raises(IdentificationError, match=r'such as tracking, got recursive'):
         warm_start(estimator_by_name('recursive'), last_time)
     _, begun = errors(LAST_TIME, 1.0, 4)
@@ -127,7 +131,7 @@ def test_tracking_keeps_what_it_knew_of_a_patient_who_has_changed_little(last_ti
 
 @pytest.mark.long
 def test_tracking_starts_from_what_it_knew(last_time):
-    known = known_from(last_time)
+    known = fitted_muscle_of(last_time)
     assert known.theta[0] == pytest.approx(LAST_TIME.recruitment.threshold, abs=0.005)
     warm, _ = errors(other_day(), 1.5, 2, last_time)
     cold, _ = errors(other_day(), 1.5, 2)

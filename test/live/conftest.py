@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rpms_ros.identification import CURVE_INTENSITY
-from rpms_ros.live.session import LiveSession
+from rpms_ros.live.live_session import LiveSession
 from rpms_ros.live.topic_health import Topic
 
 START_NS = 1_700_000_000_000_000_000

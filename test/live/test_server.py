@@ -19,8 +19,8 @@ from tornado.iostream import StreamClosedError
 from tornado.websocket import WebSocketClosedError, websocket_connect
 
 from rpms_ros.errors import LiveError
+from rpms_ros.live.live_session import Cursor
 from rpms_ros.live.server import FILES, Access, LiveServer, token_of
-from rpms_ros.live.session import Cursor
 
 TOKEN = 'correct-horse-battery'
 MILLISECOND = 1_000_000

@@ -14,7 +14,7 @@ from rpms_ros.report.course import course_of
 from rpms_ros.report.page import as_page
 from rpms_ros.report.recorded import recorded_messages
 from rpms_ros.report.result import IdentificationOptions, identified, result_of
-from rpms_ros.report.session import headline_of, report_of
+from rpms_ros.report.session_report import headline_of, report_of
 from rpms_ros.schema import plain
 
 START_NS = 1_700_000_000_000_000_000

@@ -15,7 +15,7 @@ from rpms_ros.report.dose import dose_of
 from rpms_ros.report.figures import draw
 from rpms_ros.report.page import as_page
 from rpms_ros.report.residuals import analyse_residuals, stimulation_at
-from rpms_ros.report.session import headline_of
+from rpms_ros.report.session_report import headline_of
 from rpms_ros.schema import plain
 
 START_NS = 1_700_000_000_000_000_000

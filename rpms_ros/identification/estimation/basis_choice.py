@@ -21,7 +21,7 @@ import numpy as np
 
 from rpms_ros.identification.estimation.blocks import COUNT
 from rpms_ros.identification.estimation.intake import RawSamples
-from rpms_ros.identification.estimation.prior import Knowledge
+from rpms_ros.identification.estimation.prior import WindowPrior
 from rpms_ros.identification.estimation.tremor import SEARCHED_NS, line_in
 from rpms_ros.identification.estimation.window_fit import (
     Scales,
@@ -117,7 +117,7 @@ class BasisChoice:
         The present one.
     fit : WindowFit
         Of the present basis: where the others begin.
-    knowledge : Knowledge
+    knowledge : WindowPrior
         Physiology alone: what was learnt with one basis says little of another.
     window : Window
         The samples to explain.
@@ -128,7 +128,7 @@ class BasisChoice:
     raw: RawSamples
     basis: LaguerreBasis
     fit: WindowFit
-    knowledge: Knowledge
+    knowledge: WindowPrior
     window: Window
     rates_hz: FloatArray | None
     _found: dict[tuple[LaguerreBasis, bool], BasisFit] = field(default_factory=dict)

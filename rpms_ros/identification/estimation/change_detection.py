@@ -30,7 +30,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rpms_ros.identification.estimation.blocks import ring_order
-from rpms_ros.identification.estimation.prior import Knowledge
+from rpms_ros.identification.estimation.prior import WindowPrior
 from rpms_ros.identification.estimation.settings import Problem
 from rpms_ros.identification.estimation.window_equations import (
     SLOPES,
@@ -127,7 +127,7 @@ class Present(NamedTuple):
         Blocks of the samples.
     window : Window
         Those that the fit explains.
-    prior : Knowledge
+    prior : WindowPrior
         Physiology and bounds.
     error, force : float
         Mean squares of the newest a-priori errors and forces, over the last second [N^2].
@@ -137,7 +137,7 @@ class Present(NamedTuple):
 
     problem: Problem
     window: Window
-    prior: Knowledge
+    prior: WindowPrior
     error: float
     force: float
     samples: float
@@ -158,7 +158,7 @@ class Explanation(NamedTuple):
     lasts: bool
     before: Snapshot
     fit: WindowFit
-    knowledge: Knowledge
+    knowledge: WindowPrior
 
 
 def widened(covariance: FloatArray, linear: FloatArray, kind: str) -> FloatArray:
@@ -194,7 +194,7 @@ def widened(covariance: FloatArray, linear: FloatArray, kind: str) -> FloatArray
     return covariance
 
 
-def after(before: Snapshot, kind: str, knowledge: Knowledge, distance: float) -> Knowledge:
+def after(before: Snapshot, kind: str, knowledge: WindowPrior, distance: float) -> WindowPrior:
     """Return what is known after a change of a kind.
 
     Parameters
@@ -203,7 +203,7 @@ def after(before: Snapshot, kind: str, knowledge: Knowledge, distance: float) ->
         What was known.
     kind : str
         What has changed.
-    knowledge : Knowledge
+    knowledge : WindowPrior
         Physiology and bounds.
     distance : float
         Time since the snapshot, in intervals.
@@ -247,7 +247,7 @@ def _start(before: Snapshot, window: Window, kind: str, force: float) -> StartLe
 def explain(
     problem: Problem,
     before: Snapshot,
-    knowledge: Knowledge,
+    knowledge: WindowPrior,
     window: Window,
     kind: str,
     disturbance: int,

@@ -32,7 +32,7 @@ from rpms_ros.identification.estimation.intake import (
     recompute_state,
     squared_recruitment,
 )
-from rpms_ros.identification.estimation.prior import FittedMuscle, Knowledge, knowledge_of
+from rpms_ros.identification.estimation.prior import FittedMuscle, WindowPrior, physiological_prior
 from rpms_ros.identification.estimation.settings import Baseline, Problem, ProjectionSettings
 from rpms_ros.identification.estimation.window_fit import INTERVAL_NS, fresh_fit
 from rpms_ros.identification.model.basis import LaguerreBasis
@@ -86,7 +86,7 @@ class ProjectionEstimator:
         self._predictor = Predictor(start, np.zeros(functions), np.zeros(2))
         self._window = fresh_fit(start, functions)
         self._basis_spread = np.zeros((functions, functions))
-        self._prior = knowledge_of(self.settings)
+        self._prior = physiological_prior(self.settings)
         self._intake = fresh_intake(functions)
         self._delay_line = PulseDelayLine(
             basis.latency, self.settings.by_rate, rate_hz, self.settings.history
@@ -205,7 +205,7 @@ class ProjectionEstimator:
         self._delay_line.drop(begun)
         return prediction
 
-    def _of_any_shape(self, knowledge: Knowledge) -> Knowledge:
+    def _of_any_shape(self, knowledge: WindowPrior) -> WindowPrior:
         """Return a prior of the arctangents alone while there was one intensity only."""
         low, high = self._intensity_range
         shown = high - low >= SMALLEST_INTENSITY_SPAN

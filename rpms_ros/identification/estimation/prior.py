@@ -54,7 +54,7 @@ ROUNDING = 1e-9
 
 
 class Terms(NamedTuple):
-    """What is known at a point: cost, gradient and information, for `added`.
+    """What is known at a point: cost, gradient and information, for `add_prior`.
 
     Attributes
     ----------
@@ -83,7 +83,7 @@ class Terms(NamedTuple):
 
 
 @numba.njit(cache=True)
-def added(
+def add_prior(
     terms: Terms, scales: FloatArray, variance: FloatArray, matrix: FloatArray, right: FloatArray
 ) -> tuple[float, float]:
     """Add what is known to the equations of x; return its cost and its log-determinant.
@@ -146,7 +146,7 @@ def log_determinant(matrix: FloatArray) -> float:
 
 
 @dataclass(frozen=True)
-class Knowledge:
+class WindowPrior:
     """Priors of x.
 
     Attributes
@@ -178,7 +178,7 @@ class Knowledge:
         """Whether there is a result of samples before the window."""
         return bool(self.information.any())
 
-    def about(self, point: Point, ridge: float, walk: FloatArray) -> 'Terms':
+    def terms_at(self, point: Point, ridge: float, walk: FloatArray) -> 'Terms':
         """Return what is known at a point, whatever the scales.
 
         Parameters
@@ -235,7 +235,7 @@ class Knowledge:
         step[:PARAMETERS] = np.clip(step[:PARAMETERS], low, high)
         return step
 
-    def part(self, theta: FloatArray) -> None:
+    def separate(self, theta: FloatArray) -> None:
         """Keep u_sat of theta (26,) above u_thr, in place."""
         lacking = self.separation - (theta[1] - theta[0])
         if lacking > 0.0:
@@ -254,7 +254,7 @@ class Knowledge:
         gain = 2.0 * (alone.likelihood - fit.likelihood)
         return gain > float(chdtri(len(self.reference), 1.0 - _CONTRADICTED))
 
-    def converted(self, matrix: FloatArray, size: float) -> 'Knowledge':
+    def in_basis(self, matrix: FloatArray, size: float) -> 'WindowPrior':
         """Return the prior in other coordinates of w, `matrix` (functions, functions) times these.
 
         `size` is the norm of w; a share of it is added as the error of the conversion.
@@ -271,12 +271,12 @@ class Knowledge:
         )
 
 
-def knowledge_of(settings: ProjectionSettings) -> Knowledge:
+def physiological_prior(settings: ProjectionSettings) -> WindowPrior:
     """Return the prior before any sample."""
     shape = np.zeros(DEVIATION.stop - PARAMETERS)
     kappa, spread = settings.summation
     joint = NONLINEAR + settings.basis.functions
-    return Knowledge(
+    return WindowPrior(
         mean=np.concatenate((PRIOR.mean, shape, np.full(2, kappa))),
         deviation=np.concatenate((PRIOR.deviation, shape + np.inf, np.full(2, spread))),
         lower=coordinates(PRIOR.lower),
@@ -288,7 +288,7 @@ def knowledge_of(settings: ProjectionSettings) -> Knowledge:
     )
 
 
-def posterior_as_prior(knowledge: Knowledge, fit: 'WindowFit') -> Knowledge:
+def posterior_as_prior(knowledge: WindowPrior, fit: 'WindowFit') -> WindowPrior:
     """Return the result of a fit as prior for later samples, slightly widened."""
     point = fit.point
     joint = NONLINEAR + len(point.linear)
@@ -460,10 +460,10 @@ def warm_start(estimator: Estimator, path: Path | str) -> None:
             'expected an estimator that can start from an earlier session, such as tracking, got '
             f'{estimator.name}'
         )
-    estimator.start_from(known_from(path))
+    estimator.start_from(fitted_muscle_of(path))
 
 
-def known_from(path: Path | str) -> FittedMuscle:
+def fitted_muscle_of(path: Path | str) -> FittedMuscle:
     """Return the knowledge in the JSON of ``rpms identify``.
 
     Raises

@@ -41,7 +41,7 @@ from rpms_ros.identification.estimation.normal_equations import near_knots
 from rpms_ros.identification.estimation.prior import (
     DayToDay,
     FittedMuscle,
-    Knowledge,
+    WindowPrior,
     posterior_as_prior,
     scaled_inverse,
 )
@@ -440,7 +440,7 @@ class TrackingEstimator(ProjectionEstimator):
         theta = coordinates(known.theta)
         theta[:PARAMETERS] = np.clip(theta[:PARAMETERS], self._prior.lower, self._prior.upper)
         theta = from_coordinates(theta)
-        self._prior.part(theta)
+        self._prior.separate(theta)
         self._use(basis)
         self._problem = self._problem._replace(input_gain=basis.input_gain)
         self._window.point = steady(theta, known.linear)
@@ -525,7 +525,7 @@ class TrackingEstimator(ProjectionEstimator):
                 self._watch.remember(snapshot(self._window, window.now_ns))
         self._predict_by_window(INTERVAL_NS)
 
-    def _try_other_start(self, knowledge: Knowledge, window: Window) -> None:
+    def _try_other_start(self, knowledge: WindowPrior, window: Window) -> None:
         """While the window is young try the next start; go on from there if it is better."""
         problem, fit, starts = self._problem, self._window, self.settings.starts()
         length_ns = window.now_ns - window.first_ns
@@ -781,7 +781,7 @@ class TrackingEstimator(ProjectionEstimator):
         fit = self._window
         linear = matrix @ fit.point.linear
         self._into_other_blocks(basis, self._span().first_ns, self._capacity, linear)
-        self._knowledge = self._knowledge.converted(matrix, float(np.linalg.norm(linear)))
+        self._knowledge = self._knowledge.in_basis(matrix, float(np.linalg.norm(linear)))
         self._window.point = fit.point._replace(linear=linear)
         self._origin = self._origin._replace(linear=matrix @ self._origin.linear)
         self._watch.forget()

@@ -18,9 +18,9 @@ import numpy as np
 from rpms_ros.identification.estimation.estimate_builder import Uncertainty
 from rpms_ros.identification.estimation.prior import (
     ROUNDING,
-    Knowledge,
     Terms,
-    added,
+    WindowPrior,
+    add_prior,
     scaled_inverse,
     walk_information,
 )
@@ -358,7 +358,7 @@ class Linearised:
     """A window linearised at a point, with its priors."""
 
     def __init__(
-        self, problem: Problem, fit: WindowFit, knowledge: Knowledge, window: Window
+        self, problem: Problem, fit: WindowFit, knowledge: WindowPrior, window: Window
     ) -> None:
         fit.point = point = fit.point.at_times(window.knots)
         self.problem, self.point, self.knowledge, self.window = problem, point, knowledge, window
@@ -374,7 +374,7 @@ class Linearised:
         self.power = float(self.intervals.energy.sum()) / max(self.samples, 1.0)
         # too weak to be seen, but w is solvable where nothing has been stimulated
         ridge = _RIDGE / (self.power + LEAST_ENERGY)
-        self.terms: Terms = knowledge.about(point, ridge, window.walk())
+        self.terms: Terms = knowledge.terms_at(point, ridge, window.walk())
 
     def reduced(self, variance: float, scales: Scales) -> Reduced:
         """Eliminate the disturbance with its two scales."""
@@ -475,7 +475,7 @@ def _solution(at: Linearised, reduced: Reduced, scales: Scales) -> _Solution | N
     variance = _NO_PRIOR if earlier else _DEVIATIONS[scales.size, scales.length]
     hessian, right = reduced.matrix.copy(), reduced.right.copy()
     try:
-        cost, logarithm = added(at.terms, widths, variance, hessian, right)
+        cost, logarithm = add_prior(at.terms, widths, variance, hessian, right)
         step, gained, determinant = _solved(hessian, right)
     except np.linalg.LinAlgError:
         return None
@@ -513,7 +513,7 @@ def _solved(hessian: FloatArray, right: FloatArray) -> tuple[FloatArray, float, 
     return scale * step, gained, determinant
 
 
-def _grids(window: Window, knowledge: Knowledge) -> list[tuple[str, FloatArray]]:
+def _grids(window: Window, knowledge: WindowPrior) -> list[tuple[str, FloatArray]]:
     """Return names and grids of the scales that samples may choose, but for the disturbance's."""
     changes = [('gain', CHANGES), ('slowing', CHANGES), ('slope', DRIFTS)]
     shape = [('size', SIZES), ('length', LENGTHS)]
@@ -576,7 +576,7 @@ def _averaged(solution: _Solution, tried: list[_Solution]) -> tuple[FloatArray, 
 
 
 def gauss_newton_steps(
-    problem: Problem, fit: WindowFit, knowledge: Knowledge, window: Window, steps: int
+    problem: Problem, fit: WindowFit, knowledge: WindowPrior, window: Window, steps: int
 ) -> Linearised | None:
     """Take up to so many steps; scales and variance follow the samples.
 
@@ -608,7 +608,7 @@ def gauss_newton_steps(
 
 
 def steps_at_fixed_scales(
-    problem: Problem, fit: WindowFit, knowledge: Knowledge, window: Window, steps: int
+    problem: Problem, fit: WindowFit, knowledge: WindowPrior, window: Window, steps: int
 ) -> Linearised | None:
     """Take so many steps with the present scales and variance; see `gauss_newton_steps`."""
     at = None
@@ -656,7 +656,7 @@ def _move(
     least, rest = solution.projected()
     for _ in range(_TRIALS):
         trial = replace(fit, point=moved(at.point, step))
-        at.knowledge.part(trial.point.theta)
+        at.knowledge.separate(trial.point.theta)
         there = Linearised(at.problem, trial, at.knowledge, at.window)
         reduced = there.reduced(fit.weighting_variance, fit.scales)
         other = _solution(there, reduced, fit.scales)
@@ -800,7 +800,7 @@ def _accept(
 ) -> None:
     """Go where a step leads."""
     fit.point = moved(at.point, step)
-    at.knowledge.part(fit.point.theta)
+    at.knowledge.separate(fit.point.theta)
     fit.moved = step[:NONLINEAR]
     fit.levels = disturbance_at(solution.reduced, step)
     fit.first = int(at.intervals.first[0])

@@ -18,6 +18,7 @@ from rpms_ros.axis import QUANTITIES
 from rpms_ros.errors import IdentificationError, check_number
 from rpms_ros.identification.analysis.dynamics import TrainDynamics
 from rpms_ros.identification.model.estimate import NOT_INFORMED, Estimate
+from rpms_ros.identification.offline import IdentifiedSession, settled
 from rpms_ros.identification.quality.doubts import (
     CLOCKS_DIFFER,
     FORCE_UNEXPLAINED,
@@ -32,7 +33,6 @@ from rpms_ros.identification.quality.explained_force import (
     simulated_fit,
     white_noise,
 )
-from rpms_ros.identification.session import IdentifiedSession, settled
 from rpms_ros.identification.stream.arrivals import no_overlap, outside_shares, range_outside
 from rpms_ros.identification.stream.stream import StreamSettings
 from rpms_ros.printable import percent_explained

@@ -14,7 +14,7 @@ from rpms_ros.identification.estimation.settings import ProjectionSettings
 from rpms_ros.identification.estimation.tracking import TrackingEstimator, TrackingSettings
 from rpms_ros.identification.model.basis import LaguerreBasis
 from rpms_ros.identification.model.estimate import CONVERGED, NOT_INFORMED
-from rpms_ros.identification.session import identify
+from rpms_ros.identification.offline import identify
 from rpms_ros.muscle import Contraction, RecruitmentParameters, average_subject
 from rpms_ros.pulses import ForceTrace, PulseTrain
 

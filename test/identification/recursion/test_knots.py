@@ -9,7 +9,7 @@ from rpms_ros.identification import LaguerreBasis
 from rpms_ros.identification.estimation.blocks import newest
 from rpms_ros.identification.estimation.settings import PRIOR
 from rpms_ros.identification.model.recruitment import recruitment_curve
-from rpms_ros.identification.recursion.people_kernel import (
+from rpms_ros.identification.recursion.recursive_kernel import (
     KNOTS,
     Memory,
     add_block,

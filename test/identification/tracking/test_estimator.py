@@ -164,7 +164,9 @@ def test_an_effort_under_a_sinusoid_does_not_mislead_the_basis(living_sessions):
 
 def unheard(session, places):
     """Return a session some of whose pulses nobody was told of."""
-    pulses = {name: np.delete(getattr(session, name), places) for name in ('onset_ns', 'intensity')}
+    pulses = {
+        name: np.delete(getattr(session, name), places) for name in ('onset_ns', 'intensity')
+    }
     return session._replace(**pulses)
 
 

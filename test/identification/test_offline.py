@@ -20,8 +20,8 @@ from rpms_ros.identification import (
     estimator_by_name,
     identify,
 )
+from rpms_ros.identification.offline import output_error
 from rpms_ros.identification.quality.verdict import verdict_of
-from rpms_ros.identification.session import output_error
 from rpms_ros.muscle import Contraction, Subject
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, ForceTrace, PulseTrain
 
@@ -87,7 +87,7 @@ def test_the_output_error_does_not_depend_on_the_threads_of_blas():
     # Enough samples for BLAS to part the work.
     code = (
         'import numpy as np\n'
-        'from rpms_ros.identification.session import IdentifiedSession\n'
+        'from rpms_ros.identification.offline import IdentifiedSession\n'
         'noise = np.random.default_rng(1).standard_normal((2, 300_000))\n'
         'usable = np.ones(300_000, bool)\n'
         'session = IdentifiedSession([], np.arange(300_000) * 10**6, *noise, usable)\n'

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rpms_ros.live.force_course import BIN_NS, ModelledForce
-from rpms_ros.live.session import Cursor
+from rpms_ros.live.live_session import Cursor
 from rpms_ros.live.topic_health import LONGEST_TEXT, MOST_NAMES, Publisher
 from rpms_ros.muscle.recruitment import RecruitmentParameters, identified_recruitment
 from rpms_ros.pulses import Pulse

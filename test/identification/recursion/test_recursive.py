@@ -15,7 +15,7 @@ from rpms_ros.identification import (
     ModifiedRecursiveLM,
 )
 from rpms_ros.identification.quality.doubts import INTERVALS_VARY
-from rpms_ros.identification.recursion.people import ChangeTest
+from rpms_ros.identification.recursion.recursive import ChangeTest
 from rpms_ros.muscle import average_subject, simulation_subject
 
 CHANGED_S = 40

@@ -4,7 +4,7 @@
 
 The algorithm of the paper with additions for people: Laguerre functions behind a latency,
 alpha_thr free with a prior, a baseline, a weight for the interval between pulses, sums that are
-valid for any parameters instead of derivatives at past parameters (`people_kernel`), a memory
+valid for any parameters instead of derivatives at past parameters (`recursive_kernel`), a memory
 that grows with the samples and is shortened when the muscle has changed, and intervals.
 
 Steps are triggered by pulses and stamps alone, so the answer does not depend on how the data
@@ -51,7 +51,7 @@ from rpms_ros.identification.quality.doubts import (
     PlausibilityCheck,
     doubted,
 )
-from rpms_ros.identification.recursion.people_kernel import (
+from rpms_ros.identification.recursion.recursive_kernel import (
     KNOTS,
     Fit,
     StepProblem,
