@@ -31,7 +31,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
 from fake_rapid2 import FakeRapid2
 from guarded_train import train
 
-from rpms_ros.guard import rapid2
+from rpms_ros.guard import rapid2_protocol as rapid2
 from rpms_ros.guard.relay import GuardLimits
 from rpms_ros.stimulation.devices.rapid2 import GuardedLine, open_port
 

@@ -9,7 +9,7 @@ reference of the kernel's test.
 
 import numpy as np
 
-from rpms_ros.identification import RecursiveSettings
+from rpms_ros.identification import PaperSettings
 from rpms_ros.identification.model.recruitment import recruitment_curve
 from rpms_ros.identification.model.settings import BOUNDS
 from rpms_ros.muscle.recruitment import SMALLEST_SEPARATION
@@ -21,7 +21,7 @@ LARGEST_COVARIANCE = 1e10
 class NumpyRecursion:
     """One sample at a time; attributes are named as in the compiled recursion."""
 
-    def __init__(self, settings: RecursiveSettings, seed: int = 0) -> None:
+    def __init__(self, settings: PaperSettings, seed: int = 0) -> None:
         functions = settings.basis.functions
         start = np.random.default_rng(seed).uniform(0.0, settings.hessian_scale, (3, 3))
         self.settings = settings

@@ -9,7 +9,7 @@ import time
 from collections import deque
 from dataclasses import dataclass
 
-from rpms_ros.guard import packets, rapid2
+from rpms_ros.guard import packets, rapid2_protocol as rapid2
 from rpms_ros.guard.packets import Packet
 
 # More in one turn would keep the guard from the line.

@@ -28,7 +28,7 @@ from rpms_ros.identification.model.settings import (
     PRESET_NAMES as PRESET_NAMES,
     TABLE_4 as TABLE_4,
     TABLE_5 as TABLE_5,
-    RecursiveSettings as RecursiveSettings,
+    PaperSettings as PaperSettings,
     settings_by_name as settings_by_name,
 )
 from rpms_ros.identification.offline import (

@@ -321,11 +321,11 @@ def test_nothing_is_learnt_from_the_force_of_pulses_that_are_not_in_the_file(tmp
     assert any('the force is not at rest there' in text for _, text in found.facts)
     # the intensities are not in the table
     known = PulseTrain(pulses.onset_ns, pulses.intensity, found.pulses.sequence, pulses.width)
-    last = identify(estimator_by_name('batch'), known, found.forces).last
+    last = identify(estimator_by_name('recursive'), known, found.forces).last
     truth = Subject().steady_force(CURVE_INTENSITY, RATE)
     assert last.faults.keys() == {'samples_excluded'}
     assert np.abs(last.curve_force - truth).max() < 0.005 * truth.max()
-    # as it is not without that
+    # as it is not without that (`batch` leaves them out by itself)
     from_0 = PulseTrain.numbered(known.onset_ns, known.intensity, known.width)
-    worse = identify(estimator_by_name('batch'), from_0, found.forces).last
+    worse = identify(estimator_by_name('recursive'), from_0, found.forces).last
     assert np.abs(worse.curve_force - truth).max() > 0.005 * truth.max()

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, strategies as st
 
 from rpms_ros.errors import StimulationError
-from rpms_ros.guard import rapid2
-from rpms_ros.guard.rapid2 import framed
+from rpms_ros.guard import rapid2_protocol as rapid2
+from rpms_ros.guard.rapid2_protocol import framed
 from rpms_ros.stimulation.devices import registry
 from rpms_ros.stimulation.devices.rapid2 import SerialDevice
 from rpms_ros.stimulation.devices.registry import DeviceOptions, TooLate, quantized_down

@@ -18,7 +18,7 @@ from types import SimpleNamespace
 import pytest
 
 import rpms_ros.guard
-from rpms_ros.guard import packets, rapid2
+from rpms_ros.guard import packets, rapid2_protocol as rapid2
 from rpms_ros.guard.packets import Packet
 from rpms_ros.guard.relay import (
     Guard,

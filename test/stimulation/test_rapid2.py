@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 import serial
 
-from rpms_ros.guard import packets, rapid2
+from rpms_ros.guard import packets, rapid2_protocol as rapid2
 from rpms_ros.guard.packets import Packet
 from rpms_ros.pulses import MAGNETIC_PULSE_WIDTH
 from rpms_ros.stimulation.devices.rapid2 import SerialDevice, open_port

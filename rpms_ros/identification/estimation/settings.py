@@ -91,7 +91,7 @@ PRIOR = Prior(
 
 @dataclass(frozen=True)
 class ProjectionSettings:
-    """Model and numerics of the batch and the tracking estimator.
+    """Model and numerics of `batch`, `tracking` and `recursive` (`PaperSettings`: the paper's).
 
     Attributes
     ----------

@@ -32,7 +32,7 @@ EXPERIMENT_START = RecruitmentParameters(0.40, 0.90, 10.0)
 
 
 @dataclass(frozen=True)
-class RecursiveSettings:
+class PaperSettings:
     """Design parameters of the modified recursive Levenberg-Marquardt algorithm, Sec. 3.2.2.
 
     Attributes
@@ -99,7 +99,7 @@ class RecursiveSettings:
         check_start(self.start)
 
 
-TABLE_4 = RecursiveSettings()
+TABLE_4 = PaperSettings()
 """Simulated identification: Table 4, start [40 % 90 % 3]."""
 
 TABLE_5 = replace(
@@ -115,7 +115,7 @@ PRESET_NAMES = (PEOPLE_PRESET, *PAPER_PRESETS)
 """Presets that command lines and node parameters accept."""
 
 
-def settings_by_name(name: str) -> RecursiveSettings:
+def settings_by_name(name: str) -> PaperSettings:
     """Return a preset of `PAPER_PRESETS`.
 
     Raises

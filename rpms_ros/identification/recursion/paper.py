@@ -14,7 +14,7 @@ from rpms_ros.identification.model.estimate import (
     SMALLEST_INTENSITY_SPAN,
     Estimate,
 )
-from rpms_ros.identification.model.settings import TABLE_4, RecursiveSettings
+from rpms_ros.identification.model.settings import TABLE_4, PaperSettings
 from rpms_ros.identification.quality.doubts import FACTORISATION_FAILED, PlausibilityCheck
 from rpms_ros.identification.recursion.paper_kernel import (
     NONLINEAR,
@@ -38,7 +38,7 @@ class ModifiedRecursiveLM:
 
     Parameters
     ----------
-    settings : RecursiveSettings
+    settings : PaperSettings
         Basis and design parameters; `TABLE_4` by default.
     seed : int
         Seed of the random H[0].
@@ -55,7 +55,7 @@ class ModifiedRecursiveLM:
     on_line = True
 
     def __init__(
-        self, settings: RecursiveSettings = TABLE_4, seed: int = 0, rate_hz: float = DEFAULT_RATE
+        self, settings: PaperSettings = TABLE_4, seed: int = 0, rate_hz: float = DEFAULT_RATE
     ) -> None:
         check_number(IdentificationError, 'repetition rate', rate_hz, 0, above=True, unit='Hz')
         self.settings = settings
@@ -156,7 +156,7 @@ class ModifiedRecursiveLM:
         return gain * identified_recruitment(parameters, CURVE_INTENSITY)
 
 
-def _constants(settings: RecursiveSettings) -> RecursionConstants:
+def _constants(settings: PaperSettings) -> RecursionConstants:
     basis = settings.basis
     return RecursionConstants(
         shape=np.array(
@@ -167,7 +167,7 @@ def _constants(settings: RecursiveSettings) -> RecursionConstants:
     )
 
 
-def _start(settings: RecursiveSettings, seed: int) -> RecursionState:
+def _start(settings: PaperSettings, seed: int) -> RecursionState:
     functions = settings.basis.functions
     generator = np.random.default_rng(seed)
     hessian = generator.uniform(0.0, settings.hessian_scale, (NONLINEAR, NONLINEAR))

@@ -93,7 +93,7 @@ class RecursionState(NamedTuple):
 
 
 class RecursionConstants(NamedTuple):
-    """Constants: the basis, and design parameters of `RecursiveSettings` by their names there."""
+    """Constants: the basis, and design parameters of `PaperSettings` by their names there."""
 
     shape: FloatArray
     mixing: FloatArray

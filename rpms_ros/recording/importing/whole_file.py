@@ -24,7 +24,7 @@ from rpms_ros.pulses import (
     PulseTrain,
     stamps,
 )
-from rpms_ros.recording.importing.formats import read_excel, read_matlab, read_xdf
+from rpms_ros.recording.importing.binary_formats import read_excel, read_matlab, read_xdf
 from rpms_ros.recording.importing.gates import (
     gate_pulses,
     heights_told,

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A stimulator of the Rapid2 class on a serial line, behind a guard.
 
-The protocol stands in `rpms_ros.guard.rapid2`, with its sources.  Every answer is checked: a
-refusal, a status that contradicts itself, no coil, a coil to be replaced or an error raise, in the
-answer in which they show.
+The protocol stands in `rpms_ros.guard.rapid2_protocol`, with its sources.  Every answer is
+checked: a refusal, a status that contradicts itself, no coil, a coil to be replaced or an error
+raise, in the answer in which they show.
 
 This has been tested against a simulated instrument on a pseudo-terminal only.  It has not met
 hardware: hold it against the manual of your device before a coil is connected.
@@ -29,9 +29,9 @@ from typing import NoReturn, TypeVar
 import serial
 
 import rpms_ros.guard
-from rpms_ros.guard import packets, rapid2
+from rpms_ros.guard import packets, rapid2_protocol as rapid2
 from rpms_ros.guard.packets import Packet
-from rpms_ros.guard.rapid2 import wire_s
+from rpms_ros.guard.rapid2_protocol import wire_s
 from rpms_ros.guard.relay import GuardLimits, LineError, write_silence
 from rpms_ros.pulses import nanoseconds
 from rpms_ros.stimulation.devices.registry import (
