@@ -67,8 +67,9 @@ _RESTLESS, _GOES_ON = 0.002, 1.5
 _JUMP = 0.5
 # Largest mean square residual, relative to the noise, of samples that are explained.
 _EXPLAINED = 1.25
-# Newest intervals that a change has to explain while it may be a short event.
-_NEWEST_INTERVALS = 3
+# Newest intervals that a change has to explain while it may be a short event; as many before and
+# after an alarm do not tell that it lasts.
+_NEWEST_INTERVALS, _AROUND = 3, 3
 NOTHING, BASELINE = 'nothing', 'baseline'
 GAIN, THRESHOLDS, DYNAMICS = 'gain', 'thresholds', 'dynamics'
 MUSCLE = (GAIN, THRESHOLDS, DYNAMICS)
@@ -322,7 +323,7 @@ def compare_hypotheses(
 
 
 _DELIBERATION_NS = 500_000_000
-_LONGEST_DELIBERATION_NS = 1_500_000_000
+_LONGEST_EVENT_NS, _LONGEST_DELIBERATION_NS = 1_500_000_000, 5 * NANOSECONDS_PER_SECOND
 _NAMING_NS = 4 * NANOSECONDS_PER_SECOND
 # Changes are found only after the muscle was observed for so long.
 _LEAST_KNOWN_NS = 5 * NANOSECONDS_PER_SECOND
@@ -337,10 +338,6 @@ _LEAST_SAMPLES = 50.0
 _IN_VAIN = 8
 # Difference of the evidence from which the kind is corrected [nat].
 _RENAMED = 3.0
-# That of a change by the samples after a short event [nat].
-_LASTING = 10.0
-# Intervals before and after an alarm that do not tell that the change lasts.
-_AROUND = 3
 _REMEMBERED = 10
 
 
@@ -410,7 +407,8 @@ class ChangeWatch:
             # what lasts for a moment only is no change of the muscle
             pending = now_ns // present.window.length_ns in fit.left_out
             lasts = best.lasts or None if pending else _since(best, present, fit, self._alarm_ns)
-            if lasts is None and now_ns - self._alarm_ns < _LONGEST_DELIBERATION_NS:
+            longest_ns = _LONGEST_EVENT_NS if pending else _LONGEST_DELIBERATION_NS
+            if lasts is None and now_ns - self._alarm_ns < longest_ns:
                 return None
             if not (lasts or pending):
                 best = None
@@ -472,11 +470,12 @@ class ChangeWatch:
 def _since(change: Explanation, present: Present, fit: WindowFit, alarm_ns: int) -> bool | None:
     """Return whether samples after an alarm show a change; None if they do not tell yet."""
     around = alarm_ns // present.window.length_ns + np.arange(-_AROUND, _AROUND)
-    left_out = np.union1d(fit.left_out, around)
-    since = _of_muscle(compare_hypotheses(present, change.before, False, left_out))
-    if since is None or since.odds < -_RENAMED:
-        return False
-    return since.odds > _LASTING or None
+    found = compare_hypotheses(present, change.before, True, np.union1d(fit.left_out, around))
+    since = _of_muscle(found)
+    if since is None:
+        return None
+    same = quiet(found[NOTHING], change.before.fit.scales.lively)
+    return (since.odds > DECISION and not same) or (None if since.odds > -_RENAMED else False)
 
 
 def first_block_after(problem: Problem, stamp_ns: int) -> int:
