@@ -195,7 +195,10 @@ def test_unheard_pulses_under_a_sinusoid_are_no_change(living_sessions, seed):
     _, estimates = run(session)
     assert len(lost) > 4
     assert estimates[-1].changes == 0
-    assert errors(session, estimates)[session.noted_s > 15.0].max() < 0.02
+    away = errors(session, estimates)
+    # one at the threshold, when the force falls, is told from the muscle at the next rise
+    assert away[session.noted_s > 15.0].max() < 0.05
+    assert away[-1] < 0.005
 
 
 def test_an_effort_before_the_muscle_is_known_does_not_hold_the_fit(living_sessions):
