@@ -725,15 +725,15 @@ def short_events(fit: WindowFit, at: Linearised) -> IntArray:
     The joint gives way for a moment, a pulse was not heard, somebody knocks: the muscle and a
     line for each interval explain what is before and after it.  After a step from `at`.
     """
-    samples, hats = at.every.samples, at.every.gram[:, -2:, -2:] + LEAST_ENERGY * np.eye(2)
-    without = replace(fit, levels=np.zeros(len(samples) + 1))
-    scores, left = left_after(without, at)
-    level = scores[:, -2:, None]
-    left -= (level * np.linalg.solve(hats, level)).sum(axis=(1, 2))
-    known = samples >= _LEAST_RIPPLE
-    if not known.any():
+    samples = at.every.samples
+    known = np.flatnonzero(samples >= _LEAST_RIPPLE)
+    if not len(known):
         return NO_EVENTS
-    left = np.where(known, left / np.maximum(samples, 1.0), 0.0)
+    scores, squares = left_after(replace(fit, levels=np.zeros(len(samples) + 1)), at)
+    hats, level = at.every.gram[known, -2:, -2:], scores[known, -2:, None]
+    line = level * np.linalg.solve(hats + LEAST_ENERGY * np.eye(2), level)
+    left = np.zeros(len(samples))
+    left[known] = (squares[known] - line.sum(axis=(1, 2))) / samples[known]
     least = max(float(np.median(left[known])), 0.25 * MODEL_ERROR * at.power + LEAST_ENERGY)
     place = np.flatnonzero(left > UNEXPLAINED * least)
     # as many intervals of the window's length
@@ -748,7 +748,7 @@ def short_events(fit: WindowFit, at: Linearised) -> IntArray:
         if len(run) and run[-1] - run[0] < longest
     ]
     numbers = np.unique(np.concatenate(events))
-    few = len(numbers) <= _MOST_EVENTS * np.count_nonzero(known)
+    few = len(numbers) <= _MOST_EVENTS * len(known)
     return numbers + int(at.every.first[0]) if few else NO_EVENTS
 
 

@@ -201,6 +201,16 @@ def test_unheard_pulses_under_a_sinusoid_are_no_change(living_sessions, seed):
     assert away[-1] < 0.005
 
 
+def test_a_sensor_with_a_sample_in_an_interval_can_be_fitted(living_sessions):
+    """Its disturbance has two unknowns in each interval, which a sample does not tell."""
+    session = living_sessions.session('steady', 'random', 3, 20.0)
+    slow = slice(None, None, 97)
+    _, estimates = run(
+        session._replace(stamp_ns=session.stamp_ns[slow], force=session.force[slow])
+    )
+    assert estimates[-1].curve_known
+
+
 def test_an_effort_before_the_muscle_is_known_does_not_hold_the_fit(living_sessions):
     """Taken for the muscle at first, an effort at 6 s kept the fit 30 % wrong until 17 s."""
     session = living_sessions.session('bursts', 'sinusoid', 15, 15.0)
