@@ -78,11 +78,8 @@ def test_what_is_known_is_the_muscle_of_the_result(estimator, tmp_path):
     """With a latency and a time constant for which the estimators choose their functions."""
     found = identified(replace(LAST_TIME, latency=20e-3, time_constant=20e-3), 12.0, estimator)
     found.to_json(tmp_path / 'result.json')
-    known, curve, response = (
-        fitted_muscle_of(tmp_path / 'result.json'),
-        found.curve,
-        found.response,
-    )
+    known = fitted_muscle_of(tmp_path / 'result.json')
+    curve, response = found.curve, found.response
     rho, _ = recruitment_curve(curve.intensity, known.theta)
     np.testing.assert_allclose(rho / rho[-1], curve.force / curve.force[-1], atol=2e-3)
     force = rho[-1] * known.basis.evaluate(response.time_s) @ known.linear

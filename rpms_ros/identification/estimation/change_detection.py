@@ -4,7 +4,9 @@ r"""Detects sudden changes of the muscle by the prediction errors, and determine
 
 If errors are larger than the noise, a step searches for a change.  If there may be one, nothing is
 learnt for half a second more, because a change a few pulses ago can be explained by several kinds.
-Then the best explanation is taken.  Its kind is compared with the others for some seconds more.
+Then the best explanation is taken if it lasts: while a short event may be going on it explains the
+newest samples (`window_fit.short_events`), else those after the alarm decide for it alone.
+Its kind is compared with the others for some seconds more.
 
 At every step a snapshot of the fit is kept.  When the prediction errors grow, several explanations
 are fitted to the samples after each snapshot of the last seconds, with priors around it:
@@ -41,12 +43,11 @@ from rpms_ros.identification.estimation.window_equations import (
 )
 from rpms_ros.identification.estimation.window_fit import (
     LIVELINESS,
-    MODEL_ERROR,
-    UNEXPLAINED,
     StartLevels,
     Window,
     WindowFit,
     left_after,
+    most_explained,
     steps_at_fixed_scales,
 )
 from rpms_ros.identification.model.recruitment import NONLINEAR, coordinates
@@ -276,7 +277,7 @@ def explain(
     if at is None:
         return None
     newest = (left_after(fit, at)[1] / np.maximum(at.every.samples, 1.0))[-_NEWEST_INTERVALS:]
-    most = UNEXPLAINED * max(before.fit.variance, 0.25 * MODEL_ERROR * force**2)
+    most = most_explained(before.fit.variance, force**2)
     lasts = fit.scales.lively <= before.fit.scales.lively and bool(np.all(newest < most))
     return Explanation(kind, fit.evidence, lasts, before, fit, known)
 

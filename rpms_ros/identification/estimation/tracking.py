@@ -517,8 +517,8 @@ class TrackingEstimator(ProjectionEstimator):
             knowledge = self._of_any_shape(self._knowledge)
             self._try_other_start(knowledge, self._span())
             at = gauss_newton_steps(self._problem, self._window, knowledge, self._span(), steps)
+            self._window.swing = 0.0 if at is None else gain_swing(self._window, at)
             if at is not None:
-                self._window.swing = gain_swing(self._window, at)
                 self._window.left_out = short_events(self._window, at)
             self._doubt_what_is_from_before(self._span())
             if self._find and self._window.variance > 0.0:
@@ -616,7 +616,7 @@ class TrackingEstimator(ProjectionEstimator):
             self._watch.forget()
 
     def _look_for_change(self, window: Window) -> None:
-        """Search for a change of the muscle; restart the window after it."""
+        """Leave out short events and search for a change; restart the window after it."""
         intake, fit = self._intake, self._window
         samples = max(float(intake.recent[0]), 1.0)
         error, force = float(intake.error_energy[0]), float(intake.force_energy[0])

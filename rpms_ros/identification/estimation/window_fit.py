@@ -133,7 +133,7 @@ _SURE_SWING, _LEAST_SWING_INTERVALS, _LEAST_RIPPLE = 5.0, 80, 8
 # An event is intervals in which the muscle leaves so many times the mean square of the median; so
 # many intervals with those after it, with gaps in between of less than so many, and all of them
 # this share of the window at most.
-UNEXPLAINED = 2.5
+_UNEXPLAINED = 2.5
 _LONGEST_EVENT, _AFTER, _GAP, _MOST_EVENTS = 8, 3, 3, 0.2
 NO_EVENTS: IntArray = np.zeros(0, dtype=np.int64)
 # A step that gains less than this is as good as exact [nat]; a longer one is tried so often, with
@@ -681,15 +681,16 @@ def _move(
     return None
 
 
-def left_after(
-    fit: WindowFit, at: Linearised, every: bool = True
-) -> tuple[FloatArray, FloatArray]:
-    """Return what a step from `at` leaves, see `_left`, of all samples or of those learnt from."""
+def left_after(fit: WindowFit, at: Linearised) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return what a step from `at` leaves, see `_left`, and the gain of each interval.
+
+    Also of the intervals that are left out.
+    """
     age, position = at.ages
-    gain, delay = 1.0 + at_ages(fit.point.gain, position), at_ages(fit.point.slowing, position)
+    gain = 1.0 + at_ages(fit.point.gain, position)
+    delay = at_ages(fit.point.slowing, position)
     theta = coordinates(fit.point.theta) - coordinates(at.point.theta)
-    intervals = at.every if every else at.intervals
-    return _left(intervals, theta, fit.point, gain, delay, age, fit.levels)
+    return *_left(at.every, theta, fit.point, gain, delay, age, fit.levels), gain
 
 
 def _refresh_noise(fit: WindowFit, at: Linearised) -> None:
@@ -698,13 +699,12 @@ def _refresh_noise(fit: WindowFit, at: Linearised) -> None:
     Alike is a factor of at least 1 by which neighbouring ones tell less than independent ones.
     """
     intervals, local = at.intervals, NONLINEAR + len(at.point.linear)
-    gain = 1.0 + at_ages(fit.point.gain, at.ages[1])
-    scores, squares = left_after(fit, at, every=False)
-    total = max(float(squares.sum()), 0.0)
+    scores, squares, gain = left_after(fit, at)
+    some = intervals.samples > 0.0
+    total = max(float((some * squares).sum()), 0.0)
     freedom = max(at.samples - float(unknowns_of(at.point) + 1), 1.0) + MODEL_ERROR_SAMPLES
     floor = MODEL_ERROR_SAMPLES * MODEL_ERROR * at.power
     fit.variance = (total + floor) / freedom + LEAST_ENERGY
-    some = intervals.samples > 0.0
     sums = scores[some, local:].sum(axis=1)
     fit.residual_spread = float(np.mean(sums**2 / intervals.samples[some]))
     scores = (gain[:, None] * scores)[some, :local]
@@ -719,6 +719,14 @@ def _refresh_noise(fit: WindowFit, at: Linearised) -> None:
     fit.inflation = max(1.0, float(ratio) / (local * fit.variance))
 
 
+def most_explained(variance: float, power: float) -> float:
+    """Return the mean square that an interval leaves at most if it is explained [N^2].
+
+    By the noise's variance and the mean square of the force [N^2].
+    """
+    return _UNEXPLAINED * max(variance, 0.25 * MODEL_ERROR * power + LEAST_ENERGY)
+
+
 def short_events(fit: WindowFit, at: Linearised) -> IntArray:
     """Return the numbers of intervals (events,) that are not to be learnt from.
 
@@ -729,25 +737,24 @@ def short_events(fit: WindowFit, at: Linearised) -> IntArray:
     known = np.flatnonzero(samples >= _LEAST_RIPPLE)
     if not len(known):
         return NO_EVENTS
-    scores, squares = left_after(replace(fit, levels=np.zeros(len(samples) + 1)), at)
+    scores, squares, _ = left_after(replace(fit, levels=np.zeros(len(samples) + 1)), at)
     hats, level = at.every.gram[known, -2:, -2:], scores[known, -2:, None]
     line = level * np.linalg.solve(hats + LEAST_ENERGY * np.eye(2), level)
     left = np.zeros(len(samples))
     left[known] = (squares[known] - line.sum(axis=(1, 2))) / samples[known]
-    least = max(float(np.median(left[known])), 0.25 * MODEL_ERROR * at.power + LEAST_ENERGY)
-    place = np.flatnonzero(left > UNEXPLAINED * least)
+    place = np.flatnonzero(left > most_explained(float(np.median(left[known])), at.power))
     # as many intervals of the window's length
     longest, after, gap = (
         max(1, round(many * INTERVAL_NS / at.window.length_ns))
         for many in (_LONGEST_EVENT, _AFTER, _GAP)
     )
-    events = [NO_EVENTS]
-    events += [
+    runs = np.split(place, np.flatnonzero(np.diff(place) > gap) + 1)
+    events = (
         np.arange(run[0] - 1, run[-1] + 1 + after)
-        for run in np.split(place, np.flatnonzero(np.diff(place) > gap) + 1)
+        for run in runs
         if len(run) and run[-1] - run[0] < longest
-    ]
-    numbers = np.unique(np.concatenate(events))
+    )
+    numbers = np.unique(np.concatenate((NO_EVENTS, *events)))
     few = len(numbers) <= _MOST_EVENTS * len(known)
     return numbers + int(at.every.first[0]) if few else NO_EVENTS
 
