@@ -7,7 +7,7 @@ from itertools import groupby, pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import example, given, settings, strategies as st
 
 from rpms_ros.identification import (
     Estimate,
@@ -133,6 +133,8 @@ def replayed(name, arrivals, waiting) -> list[Estimate]:
     cuts=st.lists(st.integers(0, 3000), max_size=40),
     delay=st.sampled_from([(0.2, 0.1), (0.05, 0.02), (0.0, 0.0)]),
 )
+# while a change was looked for, the fit had more knots than its covariance
+@example(wrong=[('clock steps', 803, -535), ('clock steps', 818, 100)], cuts=[], delay=(0.2, 0.1))
 def test_live_is_replay(images, record, name, wrong, cuts, delay):
     pulses, forces = record(np.random.default_rng(7).uniform(size=48), START_NS)
     noise = 0.02 * np.random.default_rng(8).standard_normal(2400)

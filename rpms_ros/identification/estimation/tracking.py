@@ -625,7 +625,7 @@ class TrackingEstimator(ProjectionEstimator):
         )
         if present.is_unexpected(fit):
             at = Linearised(self._problem, fit, self._knowledge, window)
-            fit.left_out = short_events(fit, at)
+            fit.left_out = short_events(replace(fit, point=at.point), at)
         change = self._watch.look(fit, present) if self._find else None
         if change is not None:
             self._begin_after(change)

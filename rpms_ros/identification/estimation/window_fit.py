@@ -360,7 +360,7 @@ class Linearised:
     def __init__(
         self, problem: Problem, fit: WindowFit, knowledge: WindowPrior, window: Window
     ) -> None:
-        fit.point = point = fit.point.at_times(window.knots)
+        point = fit.point.at_times(window.knots)
         self.problem, self.point, self.knowledge, self.window = problem, point, knowledge, window
         span = window.first_ns, window.length_ns, window.origin
         # that of the intervals which are left out, too
@@ -597,7 +597,7 @@ def gauss_newton_steps(
         except np.linalg.LinAlgError:
             fit.failures += 1
             # an older covariance would claim that these samples were understood
-            fit.covariance = _UNKNOWN * np.eye(unknowns_of(fit.point))
+            fit.point, fit.covariance = at.point, _UNKNOWN * np.eye(unknowns_of(at.point))
             return None
         before = fit.variance
         after = _move(fit, at, solution, tried)
