@@ -606,7 +606,8 @@ class TrackingEstimator(ProjectionEstimator):
             return
         self._from_before = window.now_ns - int(acting_ns[0]) < _DOUBTED_NS
         alone = fresh_fit(self._window.point.theta, self._basis.functions)
-        alone.colour, alone.left_out = self._window.colour, self._window.left_out
+        mine = self._window
+        alone.colour, alone.left_out, alone.swing = mine.colour, mine.left_out, mine.swing
         prior = self._of_any_shape(self._prior)
         gauss_newton_steps(self._problem, alone, prior, window, _FIRST_STEPS)
         if self._knowledge.contradicted(self._window, alone):
@@ -632,7 +633,8 @@ class TrackingEstimator(ProjectionEstimator):
 
     def _begin_after(self, change: Explanation) -> None:
         """Restart the window after a change."""
-        self._window = replace(change.fit)
+        # whether the joint is held does not change with the muscle
+        self._window = replace(change.fit, swing=self._window.swing)
         self._knowledge = change.knowledge
         # if it is of another kind than it seems, what it leaves alone is wrong
         self._from_before = True

@@ -775,11 +775,11 @@ def gain_swing(fit: WindowFit, at: Linearised) -> float:
     Returns
     -------
     float
-        0 where it may be by chance.
+        0 where it may be by chance; as before where there are too few intervals to tell.
     """
     number = np.flatnonzero(at.intervals.samples > _LEAST_RIPPLE)
     if len(number) < _LEAST_SWING_INTERVALS:
-        return 0.0
+        return fit.swing
     linear, levels = fit.point.linear, fit.levels
     joint = NONLINEAR + len(linear)
     gram, left = at.intervals.gram[number], left_after(fit, at)[0][number]
