@@ -31,6 +31,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rpms_ros.identification.estimation.basis_choice import LIVELY
 from rpms_ros.identification.estimation.blocks import ring_order
 from rpms_ros.identification.estimation.prior import WindowPrior
 from rpms_ros.identification.estimation.settings import Problem
@@ -64,6 +65,8 @@ _SHAPE = 0.1
 # Of a muscle that does not change, relative, and of a slow change that goes on, against what it
 # was so far.
 _RESTLESS, _GOES_ON = 0.002, 1.5
+# Of force and time constant by a pause that has ended since.
+_RECOVERED = 0.2
 # Of a jump of the baseline, as a share of the force.
 _JUMP = 0.5
 # Largest mean square residual, relative to the noise, of samples that are explained.
@@ -175,28 +178,21 @@ def widened(covariance: FloatArray, linear: FloatArray, kind: str) -> FloatArray
     kind : str
         What has changed.
     """
-    functions = len(linear)
     covariance = covariance.copy()
-
-    def free(start: int, values: FloatArray | float) -> None:
-        direction = np.zeros(NONLINEAR + functions)
-        direction[start : start + np.size(values)] = values
-        covariance[:] += np.outer(direction, direction)
+    response = covariance[NONLINEAR:, NONLINEAR:]
 
     if kind in MUSCLE:
-        free(NONLINEAR, _GAIN * linear)
+        response += _GAIN**2 * np.outer(linear, linear)
     if kind == THRESHOLDS:
-        free(0, _THRESHOLD)
-        free(1, _THRESHOLD)
+        covariance[[0, 1], [0, 1]] += _THRESHOLD**2
     if kind == DYNAMICS:
-        free(NONLINEAR, _DYNAMICS * time_scale_derivative(linear))
-        size = _SHAPE * float(np.linalg.norm(linear))
-        for place in range(functions):
-            free(NONLINEAR + place, size)
+        slower = time_scale_derivative(linear)
+        response += _DYNAMICS**2 * np.outer(slower, slower)
+        response += _SHAPE**2 * float(linear @ linear) * np.eye(len(linear))
     return covariance
 
 
-def after(before: Snapshot, kind: str, knowledge: WindowPrior, distance: float) -> WindowPrior:
+def after(before: Snapshot, kind: str, knowledge: WindowPrior, window: Window) -> WindowPrior:
     """Return what is known after a change of a kind.
 
     Parameters
@@ -207,17 +203,20 @@ def after(before: Snapshot, kind: str, knowledge: WindowPrior, distance: float) 
         What has changed.
     knowledge : WindowPrior
         Physiology and bounds.
-    distance : float
-        Time since the snapshot, in intervals.
+    window : Window
+        Until now; in its pauses the muscle recovers.
     """
     point = before.point
+    distance = (window.now_ns - before.stamp_ns) / window.length_ns
+    ends = window.knots[0] - window.knots[: len(window.pauses)][list(window.pauses)]
+    recovered = _RECOVERED * bool(np.any(ends < distance))
     joint = NONLINEAR + len(point.linear)
     # against now, relative, at the first knot of the past
     change, slowing = point.speed
     covariance = before.covariance.copy()
     for response in (
-        (_RESTLESS + _GOES_ON * abs(change) * distance) * point.linear,
-        _GOES_ON * abs(slowing) * distance * time_scale_derivative(point.linear),
+        (_RESTLESS + recovered + _GOES_ON * abs(change) * distance) * point.linear,
+        (recovered + _GOES_ON * abs(slowing) * distance) * time_scale_derivative(point.linear),
     ):
         direction = np.concatenate((np.zeros(NONLINEAR), response))
         covariance += np.outer(direction, direction)
@@ -257,7 +256,7 @@ def explain(
     left_out: IntArray | None,
 ) -> Explanation | None:
     """Explain the samples of a window that begins after a snapshot; None if it cannot be done."""
-    known = after(before, kind, knowledge, (window.now_ns - before.stamp_ns) / window.length_ns)
+    known = after(before, kind, knowledge, window)
     functions = len(before.point.linear)
     unknowns = NONLINEAR + functions + SLOPES
     point = steady(before.point.theta, before.point.linear)
@@ -303,7 +302,7 @@ def compare_hypotheses(
     blocks = problem.blocks
     start_ns = int(blocks.start_ns[(int(blocks.head[0]) + first) % len(blocks.start_ns)])
     problem = problem._replace(first=first)
-    span = replace(window.without_past, first_ns=start_ns, origin=origin_of(before))
+    span = replace(window, first_ns=start_ns, origin=origin_of(before))
     force = float(np.sqrt(present.force)) + 1e-9
     now = before.fit.scales.lively
     lively = len(LIVELINESS) - 2
@@ -446,7 +445,10 @@ class ChangeWatch:
                 elif (explained := explained + 1) == _NEWEST:
                     return None
             one = _of_muscle(found)
-            if one is not None and (best is None or one.odds > best.odds):
+            if one is None or one.fit.scales.lively > before.fit.scales.lively >= LIVELY:
+                # from what a patient does more and more a change cannot be told
+                continue
+            if best is None or one.odds > best.odds:
                 best = one
         return best if best is not None and best.odds >= DECISION else None
 

@@ -763,7 +763,7 @@ class TrackingEstimator(ProjectionEstimator):
         quieter = explained.fit.scales.lively < LIVELY <= fit.scales.lively
         freed = explained.fit.inflation < _ALIKE * fit.colour < fit.inflation
         # what happens just now is no reason to take all for a disturbance
-        livelier = fit.scales.lively < LIVELY <= explained.fit.scales.lively
+        livelier = max(fit.scales.lively, LIVELY - 1) < explained.fit.scales.lively
         if explained.tremor or ((found != self._basis or quieter or freed) and not livelier):
             self._adopt(explained, found)
 

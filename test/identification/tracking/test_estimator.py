@@ -416,6 +416,26 @@ def test_a_muscle_that_is_not_held_is_doubted(league, excitation):
 
 
 @pytest.mark.parametrize('excitation', ['random', 'sinusoid'])
+def test_a_pause_at_the_end_widens_the_interval_by_what_a_muscle_recovers(league, excitation):
+    """Eight seconds of fatigue and eight of rest: 7 % beside 1.4 % where recovery was a change."""
+    arrays, truth = league.session('rests', excitation, 1)
+    last = rpms_ros.from_arrays(*arrays).identify('tracking').estimates.last
+    assert np.abs(last.curve_force - truth).max() < 0.03 * truth.max()
+    assert last.curve_lower[-1] <= truth[-1] <= last.curve_upper[-1]
+
+
+@pytest.mark.parametrize(
+    ('excitation', 'seed', 'bound'), [('sinusoid', 2, 0.06), ('random', 4, 0.01)]
+)
+def test_a_burst_is_no_change_and_no_other_basis(living_sessions, excitation, seed, bound):
+    """A change that was named while the curve was not known: 98 %; another basis: 5 %."""
+    what = living_sessions.session('bursts', excitation, seed, 28.0)
+    _, estimates = run(what)
+    assert errors(what, estimates)[30:].max() < bound
+    assert estimates[-1].changes == 0
+
+
+@pytest.mark.parametrize('excitation', ['random', 'sinusoid'])
 def test_noise_behind_the_filter_of_a_sensor_is_no_effort(living_sessions, excitation):
     """A low-pass of 30 Hz makes the noise stronger where the muscle moves than in the mean."""
     what = living_sessions.session('steady', excitation, 1, 20.0)
