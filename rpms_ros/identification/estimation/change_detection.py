@@ -11,7 +11,8 @@ Its kind is compared with the others for some seconds more.
 At every step a snapshot of the fit is kept.  When the prediction errors grow, several explanations
 are fitted to the samples after each snapshot of the last seconds, with priors around it:
 
-* nothing changed, but the patient or the sensor did something (a livelier disturbance);
+* nothing changed, but the patient or the sensor did something (a livelier disturbance), or the
+  muscle recovered in a pause;
 * the *gain* changed: w is known but for a factor;
 * the *thresholds* changed (the coil has moved): u_thr, u_sat and the gain are free again, the
   dynamics and the sharpness of the bends hold;
@@ -65,7 +66,7 @@ _SHAPE = 0.1
 # Of a muscle that does not change, relative, and of a slow change that goes on, against what it
 # was so far.
 _RESTLESS, _GOES_ON = 0.002, 1.5
-# Of force and time constant by a pause that has ended since.
+# Of force and time constant, by a pause since.
 _RECOVERED = 0.2
 # Of a jump of the baseline, as a share of the force.
 _JUMP = 0.5
@@ -180,7 +181,6 @@ def widened(covariance: FloatArray, linear: FloatArray, kind: str) -> FloatArray
     """
     covariance = covariance.copy()
     response = covariance[NONLINEAR:, NONLINEAR:]
-
     if kind in MUSCLE:
         response += _GAIN**2 * np.outer(linear, linear)
     if kind == THRESHOLDS:
@@ -208,21 +208,20 @@ def after(before: Snapshot, kind: str, knowledge: WindowPrior, window: Window) -
     """
     point = before.point
     distance = (window.now_ns - before.stamp_ns) / window.length_ns
-    ends = window.knots[0] - window.knots[: len(window.pauses)][list(window.pauses)]
-    recovered = _RECOVERED * bool(np.any(ends < distance))
-    joint = NONLINEAR + len(point.linear)
+    ages = window.knots[0] - window.knots
+    rested = any(pause and age < distance for age, pause in zip(ages, window.pauses, strict=False))
+    recovered = _RECOVERED if rested else 0.0
     # against now, relative, at the first knot of the past
     change, slowing = point.speed
     covariance = before.covariance.copy()
-    for response in (
+    for moved in (
         (_RESTLESS + recovered + _GOES_ON * abs(change) * distance) * point.linear,
         (recovered + _GOES_ON * abs(slowing) * distance) * time_scale_derivative(point.linear),
     ):
-        direction = np.concatenate((np.zeros(NONLINEAR), response))
-        covariance += np.outer(direction, direction)
+        covariance[NONLINEAR:, NONLINEAR:] += np.outer(moved, moved)
     covariance = widened(covariance, point.linear, kind)
     scale = 1.0 / np.sqrt(np.diag(covariance))
-    scaled = covariance * np.outer(scale, scale) + 1e-9 * np.eye(joint)
+    scaled = covariance * np.outer(scale, scale) + 1e-9 * np.eye(len(scale))
     information = np.linalg.inv(scaled) * np.outer(scale, scale)
     reference = np.concatenate((coordinates(point.theta), point.linear))
     return replace(knowledge, information=information, reference=reference)
@@ -248,15 +247,17 @@ def _start(before: Snapshot, window: Window, kind: str, force: float) -> StartLe
 def explain(
     problem: Problem,
     before: Snapshot,
-    knowledge: WindowPrior,
+    known: WindowPrior,
     window: Window,
     kind: str,
     disturbance: int,
     force: float,
     left_out: IntArray | None,
 ) -> Explanation | None:
-    """Explain the samples of a window that begins after a snapshot; None if it cannot be done."""
-    known = after(before, kind, knowledge, window)
+    """Explain the samples of a window that begins after a snapshot; None if it cannot be done.
+
+    `known` is what is known after a change of this kind, see `after`.
+    """
     functions = len(before.point.linear)
     unknowns = NONLINEAR + functions + SLOPES
     point = steady(before.point.theta, before.point.linear)
@@ -310,8 +311,9 @@ def compare_hypotheses(
     for kind in (NOTHING, BASELINE, *MUSCLE):
         if not named and kind in MUSCLE and any(quiet(one, now) for one in found.values()):
             break
+        known = after(before, kind, present.prior, span)
         tried = [
-            explain(problem, before, present.prior, span, kind, disturbance, force, left_out)
+            explain(problem, before, known, span, kind, disturbance, force, left_out)
             for disturbance in sorted({now, lively})
         ]
         if explained := [one for one in tried if one is not None]:
