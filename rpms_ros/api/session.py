@@ -241,7 +241,8 @@ class Session:
         rate_hz : float
             Repetition rate for which the recruitment curve is stated [Hz].
         preset : str, optional
-            ``paper_table_4`` or ``paper_table_5``, which reproduce the paper; people need none.
+            ``arctan``: the arctangents of the paper alone as recruitment; ``paper_table_4`` or
+            ``paper_table_5``, which reproduce the paper.
         seed : int
             Of the random start of the paper's recursion.
         most_estimates : int

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 Options = TypeVar('Options')
 Subparsers: TypeAlias = 'argparse._SubParsersAction[argparse.ArgumentParser]'
 # Those of `rpms_ros.identification.PRESET_NAMES`, which takes long to import.
-PRESETS = ('people', 'paper_table_4', 'paper_table_5')
+PRESETS = ('people', 'arctan', 'paper_table_4', 'paper_table_5')
 SUCCESS, INCOMPLETE, FAILURE, UNUSABLE, INTERRUPTED = 0, 1, 2, 3, 130
 COMPILING = 'compiling for this machine, once; this takes one to three minutes'
 # What takes longer shows a bar [s].
@@ -150,8 +150,8 @@ def add_estimator_options(parser: argparse.ArgumentParser) -> None:
 def add_preset_option(parser: 'argparse._ActionsContainer') -> None:
     """Add the choice of what the paper printed."""
     text = (
-        'paper_table_4 or paper_table_5 reproduce those tables of the paper and are not for '
-        'people; leave it out otherwise'
+        'arctan takes the arctangents of the paper alone as recruitment; paper_table_4 and '
+        'paper_table_5 reproduce its tables and are not for people; leave it out otherwise'
     )
     add_option(parser, '--preset', 'people', text, choices=PRESETS)
 

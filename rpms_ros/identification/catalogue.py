@@ -23,7 +23,12 @@ from rpms_ros.identification.model.estimate import (
     Estimator,
 )
 from rpms_ros.identification.model.history_law import TemporalSummation
-from rpms_ros.identification.model.settings import PEOPLE_PRESET, PRESET_NAMES, settings_by_name
+from rpms_ros.identification.model.settings import (
+    PAPER_PRESETS,
+    PEOPLE_PRESET,
+    PRESET_NAMES,
+    settings_by_name,
+)
 from rpms_ros.identification.recursion.paper import ModifiedRecursiveLM
 from rpms_ros.identification.recursion.recursive import PEOPLE, FixedSizeRecursion
 
@@ -38,10 +43,10 @@ class EstimatorOptions:
     Attributes
     ----------
     preset : str
-        ``people``, or ``paper_table_4`` and ``paper_table_5``, which reproduce the paper: its
-        recursion, or batch and tracking with its start values and a latency of 0 (Table 4) or
-        8 ms (Table 5), and with its arctangents alone.  With ``people`` batch and tracking find
-        latency and shape of the recruitment themselves.
+        ``people``; ``arctan``, the same with the arctangents of the paper alone as recruitment;
+        ``paper_table_4`` and ``paper_table_5``, which reproduce the paper: its recursion, or batch
+        and tracking with its start values, its arctangents and a latency of 0 (Table 4) or
+        8 ms (Table 5).  With the first two batch and tracking find the latency themselves.
     seed : int
         Seed of a random start.
     rate_hz : float
@@ -73,7 +78,7 @@ class EstimatorOptions:
 EstimatorBuilder = Callable[[EstimatorOptions], Estimator]
 
 # The simulated plant of the paper has no latency; people have one, about 9 ms, rarely below 8.
-_LATENCY = {PEOPLE_PRESET: 8e-3, 'paper_table_4': 0.0, 'paper_table_5': 8e-3}
+_LATENCY = {'paper_table_4': 0.0}
 
 
 def _recursive(options: EstimatorOptions) -> Estimator:
@@ -81,17 +86,18 @@ def _recursive(options: EstimatorOptions) -> Estimator:
         raise IdentificationError(
             'expected an estimator with a history law, batch or tracking, got recursive'
         )
-    if options.preset == PEOPLE_PRESET:
-        return FixedSizeRecursion(PEOPLE, options.rate_hz)
+    if options.preset not in PAPER_PRESETS:
+        settings = replace(PEOPLE, deviation=options.preset == PEOPLE_PRESET)
+        return FixedSizeRecursion(settings, options.rate_hz)
     return ModifiedRecursiveLM(settings_by_name(options.preset), options.seed, options.rate_hz)
 
 
 def _projection(options: EstimatorOptions) -> ProjectionSettings:
-    people = options.preset == PEOPLE_PRESET
+    people, any_shape = options.preset not in PAPER_PRESETS, options.preset == PEOPLE_PRESET
     start = PEOPLE.start if people else settings_by_name(options.preset).start
-    basis = replace(ProjectionSettings().basis, latency=_LATENCY[options.preset])
+    basis = replace(ProjectionSettings().basis, latency=_LATENCY.get(options.preset, 8e-3))
     history = options.history
-    return ProjectionSettings(basis, start, people, history=history, choose_basis=people)
+    return ProjectionSettings(basis, start, any_shape, history=history, choose_basis=people)
 
 
 def _batch(options: EstimatorOptions) -> Estimator:

@@ -76,8 +76,8 @@ class IdentifierParameters(NodeParameters):
     )
     preset: str = parameter(
         PEOPLE_PRESET,
-        'people fits every muscle; the others reproduce tables of the paper and are not for '
-        'people.',
+        'people fits every muscle, arctan takes the arctangents of the paper alone as '
+        'recruitment; the others reproduce tables of the paper and are not for people.',
         choices=PRESET_NAMES,
     )
     repetition_rate: float = parameter(

@@ -32,7 +32,7 @@ from rpms_ros.identification.analysis.dynamics import (
 from rpms_ros.identification.catalogue import estimator_by_name
 from rpms_ros.identification.estimation.prior import FittedMuscle, warm_start
 from rpms_ros.identification.model.history_law import TemporalSummation
-from rpms_ros.identification.model.settings import PEOPLE_PRESET
+from rpms_ros.identification.model.settings import PAPER_PRESETS, PEOPLE_PRESET
 from rpms_ros.identification.quality.doubts import NO_CONSTANT_MUSCLE
 from rpms_ros.identification.quality.explained_force import (
     Stated,
@@ -140,7 +140,7 @@ def identified(
         raise IdentificationError(fault)
     session = replayed(recording, options.build(), progress, most_estimates)
     # a preset of the paper is chosen for its model
-    chosen = options.estimator == 'batch' and options.preset == PEOPLE_PRESET
+    chosen = options.estimator == 'batch' and options.preset not in PAPER_PRESETS
     if chosen and NO_CONSTANT_MUSCLE in session.last.doubts:
         most = None if most_estimates is None else max(most_estimates, _COURSE)
         other = replayed(recording, replace(options, estimator=FOLLOWER).build(), None, most)

@@ -39,7 +39,7 @@ parameters remain for `rpms_ros.identification.model.levenberg_marquardt`, with 
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numba
@@ -516,6 +516,9 @@ class Counters(NamedTuple):
     output_error: float
 
 
+RecruitmentCurve = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
+
+
 class EstimateBuilder:
     """Makes estimates of one estimator.
 
@@ -531,11 +534,20 @@ class EstimateBuilder:
         Level of the intervals.
     wide : bool
         See `TwitchReader`.
+    curve : callable
+        Recruitment and its derivatives, as `recruitment_curve`.
     """
 
     def __init__(
-        self, name: str, basis: LaguerreBasis, rate_hz: float, confidence: float, wide: bool
+        self,
+        name: str,
+        basis: LaguerreBasis,
+        rate_hz: float,
+        confidence: float,
+        wide: bool,
+        curve: RecruitmentCurve = recruitment_curve,
     ) -> None:
+        self._recruitment = curve
         self._name = name
         self._basis = basis
         self._rate_hz = rate_hz
@@ -608,7 +620,7 @@ class EstimateBuilder:
         if not span >= SMALLEST_INTENSITY_SPAN:
             return {'curve_force': np.empty(0)}
         area = self._rate_hz * self._basis.area
-        rho, slopes = recruitment_curve(CURVE_INTENSITY, found.theta)
+        rho, slopes = self._recruitment(CURVE_INTENSITY, found.theta)
         gain = float(area @ found.linear)
         curve = gain * rho
         if sure is None:

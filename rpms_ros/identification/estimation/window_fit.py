@@ -459,7 +459,8 @@ class _Solution(NamedTuple):
         return self.here - gained, step
 
 
-_DEVIATIONS = {
+# Prior variances of c (20,) by places in `SIZES` and `LENGTHS`.
+DEVIATION_VARIANCES = {
     (size, length): deviation_variance(SIZES[size], LENGTHS[length])
     for size in range(len(SIZES))
     for length in range(len(LENGTHS))
@@ -472,7 +473,7 @@ def _solution(at: Linearised, reduced: Reduced, scales: Scales) -> _Solution | N
     widths = np.array([CHANGES[scales.gain], CHANGES[scales.slowing], DRIFTS[scales.slope]])
     # an earlier result holds the prior of the deviation already
     earlier = at.knowledge.has_result
-    variance = _NO_PRIOR if earlier else _DEVIATIONS[scales.size, scales.length]
+    variance = _NO_PRIOR if earlier else DEVIATION_VARIANCES[scales.size, scales.length]
     hessian, right = reduced.matrix.copy(), reduced.right.copy()
     try:
         cost, logarithm = add_prior(at.terms, widths, variance, hessian, right)

@@ -111,7 +111,7 @@ PAPER_PRESETS = {'paper_table_4': TABLE_4, 'paper_table_5': TABLE_5}
 """Tables 4 and 5 as printed, by name: to reproduce the paper, not for people."""
 
 PEOPLE_PRESET = 'people'
-PRESET_NAMES = (PEOPLE_PRESET, *PAPER_PRESETS)
+PRESET_NAMES = (PEOPLE_PRESET, 'arctan', *PAPER_PRESETS)
 """Presets that command lines and node parameters accept."""
 
 

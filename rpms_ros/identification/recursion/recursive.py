@@ -40,11 +40,17 @@ from rpms_ros.identification.estimation.estimate_builder import (
     Uncertainty,
     condition_number,
 )
-from rpms_ros.identification.estimation.settings import PRIOR, ProjectionSettings
-from rpms_ros.identification.estimation.window_fit import LEAST_ENERGY
+from rpms_ros.identification.estimation.prior import scaled_inverse
+from rpms_ros.identification.estimation.settings import PRIOR, Prior, ProjectionSettings
+from rpms_ros.identification.estimation.window_fit import DEVIATION_VARIANCES, LEAST_ENERGY
 from rpms_ros.identification.model.estimate import DEFAULT_RATE, Estimate
 from rpms_ros.identification.model.levenberg_marquardt import Ending
-from rpms_ros.identification.model.recruitment import PARAMETERS, recruitment
+from rpms_ros.identification.model.recruitment import (
+    DEVIATION,
+    PARAMETERS,
+    coordinates,
+    recruitment,
+)
 from rpms_ros.identification.quality.doubts import (
     FACTORISATION_FAILED,
     INTERVALS_VARY,
@@ -63,12 +69,14 @@ from rpms_ros.identification.recursion.recursive_kernel import (
     excited,
     fresh_prediction_state,
     improve,
+    interpolated_curve,
     let_baseline_drift,
     predict,
     recompute_response,
     refresh_variance,
     residual_sum,
     scale_memory,
+    solve_linear,
     take,
     weak_ridge,
 )
@@ -90,10 +98,13 @@ _STEP_NS = 40_000_000
 # cost is lower by more than noise explains (chi-square, one in a thousand, four parameters).
 _CHALLENGE_STEPS = 20
 _CHALLENGER_STEPS = Ending(5, 0.0, 0.0)
-_ONE_STEP = Ending(1, 0.0, 0.0)
+_ONE_STEP, _FOLLOWING = Ending(1, 0.0, 0.0), Ending(20, 1e-6, 0.0)
 _CHALLENGER_GAIN = 18.5
 _START_DAMPING = 1e-2
 _FIRST_VARIANCE = 0.01
+# The deviation's size and length are chosen every so many steps; correlated residuals count at
+# most by this factor then.
+_SHAPE_STEPS, _MOST_INFLATION = 20, 10.0
 # Most blocks over which mean and deviation are taken.
 _BLOCKS = 200.0
 _MOST, _DRIFT, _LIMIT = 3.0, 1.0, 20.0
@@ -228,7 +239,6 @@ class ResidualSpread:
         return ResidualSums(mean, float(self._weight[0]), *self._kept.tolist())
 
 
-_ROUNDING = 1e-12
 # Residuals count for the intervals with this share of the time since the last change as time
 # constant: the first ones are errors of parameters that were not known yet.
 _NEWEST = 0.25
@@ -271,17 +281,25 @@ class FixedSizeRecursion:
         self._rate = 2.0 / basis.time_constant
         self._memory = empty_memory(KNOTS, basis.functions)
         self._prediction = fresh_prediction_state(basis.functions)
-        start = np.array(settings.start)
+        start = np.zeros(DEVIATION.stop if settings.deviation else PARAMETERS)
+        start[:PARAMETERS] = settings.start
         self._fit = empty_fit(start, basis.functions, 1)
+        # of the last step that could be taken
+        self._information = self._fit.matrix.copy()
         # scratch: a trial step, and a fit from another start
         self._trial, self._other = (empty_fit(start, basis.functions, 1) for _ in range(2))
-        self._starts = [start[:PARAMETERS] for start in settings.starts()]
+        self._starts = [other[: len(start)] for other in settings.starts()]
         self._steps = 0
+        # places in `SIZES` and `LENGTHS`
+        self._shape = 0, 1
+        self._prior = self._prior_of(self._shape)
         self._test = ChangeTest()
         self._spread = ResidualSpread()
         self._stepped_ns: int | None = None
         self._delay_line = PulseDelayLine(basis.latency, settings.by_rate, rate_hz)
-        self._builder = EstimateBuilder(self.name, basis, rate_hz, settings.confidence, False)
+        self._builder = EstimateBuilder(
+            self.name, basis, rate_hz, settings.confidence, False, interpolated_curve
+        )
         self._plausibility = PlausibilityCheck()
         # pulses that acted, and those of another weight than the one before
         self._acted = self._varied = 0
@@ -295,7 +313,7 @@ class FixedSizeRecursion:
     @property
     def parameters(self) -> RecruitmentParameters:
         """Present nonlinear parameters."""
-        return RecruitmentParameters(*(float(value) for value in self._fit.theta))
+        return RecruitmentParameters(*(float(value) for value in self._fit.theta[:PARAMETERS]))
 
     def add_pulses(self, onset_ns: IntArray, intensity: FloatArray) -> None:
         """Add pulses (pulses,), ascending, none before one that was already added [ns, 1]."""
@@ -361,8 +379,8 @@ class FixedSizeRecursion:
     def _found(self) -> tuple[Muscle, Uncertainty | None]:
         """Return the muscle that is known, and its uncertainty, None while there is no sample."""
         fit, sums = self._fit, self._spread.sums
-        joint = PARAMETERS + len(fit.linear)
-        lower = np.tril(fit.complete)
+        many = len(fit.theta)
+        joint = many + len(fit.linear)
         muscle = Muscle(
             fit.theta.copy(),
             fit.linear.copy(),
@@ -372,29 +390,22 @@ class FixedSizeRecursion:
         )
         if not fit.samples[0] > 0.0:
             return muscle, None
-        matrix = lower + lower.T - np.diag(np.diag(lower))
-        variance = float(fit.variance[0])
-        theta = np.arange(PARAMETERS)
-        matrix[theta, theta] += variance / PRIOR.deviation**2
-        linear = np.arange(PARAMETERS, len(matrix))
-        matrix[linear, linear] += weak_ridge(fit.energy[0], fit.samples[0], variance)
-        scale = np.sqrt(np.diag(matrix))
-        scaled = matrix / np.outer(scale, scale) + _ROUNDING * np.eye(len(matrix))
-        inverse = np.linalg.inv(scaled) / np.outer(scale, scale)
+        data = self._information
+        variance, before = float(fit.variance[0]), self._prior.deviation
+        ridge = weak_ridge(fit.energy[0], fit.samples[0], variance)
+        known = np.concatenate((variance / before**2, np.full(len(data) - many, ridge)))
+        covariance = variance * scaled_inverse(data + np.diag(known))[:joint, :joint]
         inflation = max(1.0, float(sums.spread.max(initial=0.0)) / variance)
-        inverse = 0.5 * (inverse + inverse.T) * variance
-        inverse[PARAMETERS:] *= np.sqrt(inflation)
-        inverse[:, PARAMETERS:] *= np.sqrt(inflation)
         # the deviations of theta are inflated at most to those of the prior
-        deviation = np.sqrt(np.maximum(np.diag(inverse)[:PARAMETERS], 0.0))
-        most = np.maximum(PRIOR.deviation / np.maximum(deviation, 1e-300), 1.0)
-        scale = np.ones(joint)
-        scale[:PARAMETERS] = np.minimum(np.sqrt(inflation), most)
-        covariance = inverse[:joint, :joint] * np.outer(scale, scale)
+        deviation = np.sqrt(np.maximum(np.diag(covariance)[:many], 0.0))
+        most = np.maximum(before / np.maximum(deviation, 1e-300), 1.0)
+        scale = np.full(joint, np.sqrt(inflation))
+        scale[:many] = np.minimum(scale[:many], most)
+        covariance *= np.outer(scale, scale)
         area = np.linalg.norm(fit.linear) * np.linalg.norm(self.settings.basis.area)
         by_basis = MISFIT * float(area) / math.sqrt(len(fit.linear))
         muscle = muscle._replace(
-            condition=condition_number(lower[PARAMETERS:joint, PARAMETERS:joint]),
+            condition=condition_number(data[many:joint, many:joint]),
             area_error=math.hypot(by_basis, sums.missing_area(variance)),
         )
         return muscle, Uncertainty(covariance, self.settings.confidence)
@@ -466,21 +477,62 @@ class FixedSizeRecursion:
         if fit.variance[0] == 0.0:
             power = float(memory.energy[0] / memory.samples[0])
             fit.variance[0] = _FIRST_VARIANCE * power + LEAST_ENERGY
-        if not evaluate(memory, PRIOR, fit):
+        if not evaluate(memory, self._prior, fit):
             fit.failures[0] += 1.0
             return
-        refresh_variance(memory, PRIOR, fit)
+        refresh_variance(memory, self._prior, fit)
         self._steps += 1
+        # where the deviation has another prior, all else has to follow
+        due = self.settings.deviation and self._steps % _SHAPE_STEPS == 0
+        ending = _FOLLOWING if due and self._choose_shape() else _ONE_STEP
         if self._steps % _CHALLENGE_STEPS == 0:
             self._challenge(self._starts[self._steps // _CHALLENGE_STEPS % len(self._starts)])
-        self._fit = self._improved(self._fit, _ONE_STEP)
+        self._fit = self._improved(self._fit, ending)
         # The covariance of weighted samples depends on the sum of the squared weights.
-        weight = memory.samples[0] / memory.squared_samples[0]
-        self._fit.complete[:] = self._fit.matrix * weight
+        self._information = self._fit.matrix * (memory.samples[0] / memory.squared_samples[0])
+
+    def _prior_of(self, shape: tuple[int, int]) -> Prior:
+        """Return the prior with a deviation of this size and length."""
+        if not self.settings.deviation:
+            return PRIOR
+        deviation = np.sqrt(DEVIATION_VARIANCES[shape])
+        return PRIOR._replace(
+            mean=np.append(PRIOR.mean, 0.0 * deviation),
+            deviation=np.append(PRIOR.deviation, deviation),
+            lower=np.append(PRIOR.lower, deviation - np.inf),
+            upper=np.append(PRIOR.upper, deviation + np.inf),
+        )
+
+    def _choose_shape(self) -> bool:
+        """Let the deviation follow the evidence, its size by one place; return whether it does."""
+        fit, many = self._fit, len(self._fit.theta)
+        spread = float(self._spread.sums.spread.max(initial=0.0))
+        variance = min(max(spread, fit.variance[0]), _MOST_INFLATION * fit.variance[0])
+        linear = np.concatenate((fit.linear, fit.levels))
+        ridge = weak_ridge(fit.energy[0], fit.samples[0], fit.variance[0])
+        rest = fit.matrix[many:, many:] + ridge * np.eye(len(linear))
+        coupling = fit.matrix[many:, :many]
+        information = fit.matrix[:many, :many] - coupling.T @ np.linalg.solve(rest, coupling)
+        slope = fit.right[:many] - coupling.T @ linear
+
+        def evidence(shape: tuple[int, int]) -> float:
+            prior = self._prior_of(shape)
+            away = (coordinates(fit.theta) - prior.mean) / prior.deviation
+            scale = np.outer(prior.deviation, prior.deviation) / variance
+            matrix = information * scale + np.eye(many)
+            right = slope * prior.deviation / variance - away
+            gained = right @ np.linalg.solve(matrix, right)
+            return float(gained - away @ away - np.linalg.slogdet(matrix)[1])
+
+        near = [shape for shape in DEVIATION_VARIANCES if abs(shape[0] - self._shape[0]) <= 1]
+        before, self._shape = self._shape, max([self._shape, *near], key=evidence)
+        self._prior = self._prior_of(self._shape)
+        # the cost by that prior
+        return self._shape != before and solve_linear(self._memory, self._prior, fit)
 
     def _improved(self, fit: Fit, ending: Ending) -> Fit:
         """Return a fit after some steps; the other of it and the trial is scratch."""
-        problem = StepProblem(self._memory, PRIOR)
+        problem = StepProblem(self._memory, self._prior)
         if improve(problem, fit, self._trial, ending):
             fit, self._trial = self._trial, fit
         return fit
@@ -492,7 +544,7 @@ class FixedSizeRecursion:
         other.linear[:] = fit.linear
         other.variance[0] = fit.variance[0]
         other.damping[0] = _START_DAMPING
-        if not evaluate(self._memory, PRIOR, other):
+        if not evaluate(self._memory, self._prior, other):
             return
         other = self._improved(other, _CHALLENGER_STEPS)
         if other.cost[0] < fit.cost[0] - _CHALLENGER_GAIN * fit.variance[0]:

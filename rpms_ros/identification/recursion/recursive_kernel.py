@@ -19,7 +19,9 @@ earlier samples were not linearised at parameters that may have been wrong.  x i
 chain of Laguerre filters for each knot.  Between two pulses a known matrix advances it, so the
 samples of a block are summed first (`BlockStatistics`) and added to G at its end.
 
-**Step.**  At parameters theta the linear unknowns ``l = [w, b]`` follow from the sums, Eq. (22).
+**Step.**  theta are the arctangents and, unless these alone are asked for, the coefficients of the
+deviation (`rpms_ros.identification.model.recruitment`).  At parameters theta the linear unknowns
+``l = [w, b]`` follow from the sums, Eq. (22).
 Inserting them leaves a cost of theta alone; with ``x_j = d(model)/d theta_j`` its Gauss-Newton
 matrix is the Schur complement ``H = M_tt - M_tl M_ll^-1 M_lt`` (Kaufman's variable projection),
 its gradient ``X^T (y - model)``.  ``(H + delta diag H) d = g`` is the step.  The cost of a trial
@@ -63,8 +65,7 @@ from rpms_ros.identification.model.levenberg_marquardt import (
     solve_factorised,
     solve_positive,
 )
-from rpms_ros.identification.model.recruitment import PARAMETERS
-from rpms_ros.muscle.recruitment import arctan_recruitment_with_gradient
+from rpms_ros.identification.model.recruitment import PARAMETERS, recruitment_with_gradient
 from rpms_ros.pulses import BoolArray, FloatArray, IntArray
 
 # The present block and the one before it.
@@ -83,7 +84,7 @@ class Memory(NamedTuple):
     blocks : BlockStatistics
         The present block and the one before it.
     gram : ndarray (knots * functions + 1, knots * functions + 1)
-        Sums of x x^T, with the regressor of the baseline (1) last; lower triangle.
+        Sums of x x^T, with the regressor of the baseline (1) last.
     cross : ndarray (knots * functions + 1,)
         Sums of x y.
     energy, samples, squared_samples : ndarray (1,)
@@ -141,54 +142,28 @@ def let_baseline_drift(memory: Memory, variance: float) -> None:
     row = gram[last].copy()
     level = cross[last]
     memory.energy[0] -= level * level * share
-    for place in range(len(cross)):
-        cross[place] -= row[place] * level * share
-        for other in range(place + 1):
-            gram[place, other] -= row[place] * row[other] * share
-
-
-@numba.njit(cache=True)
-def _add_chain(memory: Memory, here: int, knot: int, product: FloatArray) -> None:
-    """Add the products of one chain with force and baseline; write its product with the sums."""
-    blocks, state = memory.blocks, memory.chains[knot]
-    sums, response = blocks.gram[here], blocks.response[here]
-    functions = len(state)
-    last = len(memory.cross) - 1
-    for row in range(functions):
-        at = knot * functions + row
-        for shift in range(row + 1):
-            value = state[row - shift]
-            memory.cross[at] += value * response[shift, RESPONSE_FORCE]
-            memory.gram[last, at] += value * response[shift, RESPONSE_ONE]
-            for column in range(functions):
-                product[row, column] += value * sums[shift, column]
-
-
-@numba.njit(cache=True)
-def _add_pair(memory: Memory, knot: int, other: int, product: FloatArray) -> None:
-    """Add the products of two chains, of which the first has been multiplied by the sums."""
-    state = memory.chains[other]
-    functions = len(state)
-    for row in range(functions):
-        for column in range(functions):
-            total = 0.0
-            for shift in range(column + 1):
-                total += product[row, shift] * state[column - shift]
-            memory.gram[knot * functions + row, other * functions + column] += total
+    cross -= row * level * share
+    gram -= np.outer(row, row * share)
 
 
 @numba.njit(cache=True)
 def add_block(memory: Memory, here: int) -> None:
     """Add the samples of a block, whose states are `chains`, to the sums."""
-    moments = memory.blocks.moments[here]
-    last = len(memory.cross) - 1
-    for knot in range(len(memory.chains)):
-        product = np.zeros(memory.blocks.gram[here].shape)
-        _add_chain(memory, here, knot, product)
-        for other in range(knot + 1):
-            _add_pair(memory, knot, other, product)
-    memory.cross[last] += moments[FORCE]
-    memory.gram[last, last] += moments[COUNT]
+    blocks, gram, cross = memory.blocks, memory.gram, memory.cross
+    moments, response = blocks.moments[here], blocks.response[here]
+    functions, last = memory.chains.shape[1], len(cross) - 1
+    # the states of the chains at a sample are these times the values e of the block
+    states = np.zeros((last, functions))
+    for row in range(last):
+        knot, function = divmod(row, functions)
+        for shift in range(function + 1):
+            states[row, shift] = memory.chains[knot, function - shift]
+    gram[:last, :last] += states @ blocks.gram[here] @ states.T
+    gram[last, :last] += states @ response[:, RESPONSE_ONE].copy()
+    gram[:last, last] = gram[last, :last]
+    cross[:last] += states @ response[:, RESPONSE_FORCE].copy()
+    cross[last] += moments[FORCE]
+    gram[last, last] += moments[COUNT]
     memory.energy[0] += moments[FORCE_SQUARED]
     memory.samples[0] += moments[COUNT]
     memory.squared_samples[0] += moments[COUNT]
@@ -215,15 +190,22 @@ def interpolate(intensity: float, values: FloatArray) -> None:
 
 @numba.njit(cache=True)
 def recruitment_at_knots(theta: FloatArray, values: FloatArray) -> None:
-    """Write rho and its derivatives, by the logarithms of alpha, into `values` (5, knots)."""
-    origin, slope = values[1:, 0].copy(), values[1:, 0].copy()
-    zero = arctan_recruitment_with_gradient(0.0, theta, origin)
+    """Write rho and its derivatives, alpha as logarithms, into `values` (1 + theta, knots)."""
+    slope = np.empty(len(theta))
     count = values.shape[1]
     for knot in range(count):
-        values[0, knot] = arctan_recruitment_with_gradient((knot + 1) / count, theta, slope) - zero
-        for place in range(len(theta)):
-            scale = theta[place] if place >= 2 else 1.0
-            values[1 + place, knot] = scale * (slope[place] - origin[place])
+        values[0, knot] = recruitment_with_gradient((knot + 1) / count, theta, slope)
+        values[1:, knot] = slope
+
+
+@numba.njit(cache=True)
+def interpolated_curve(intensity: FloatArray, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return `recruitment_curve` (n,) and (n, theta) between the knots, as the sums know it."""
+    values, near = np.empty((1 + len(theta), KNOTS)), np.empty((len(intensity), KNOTS))
+    recruitment_at_knots(theta, values)
+    for index in range(len(intensity)):
+        interpolate(intensity[index], near[index])
+    return near @ values[0], near @ values[1:].T
 
 
 class Fit(NamedTuple):
@@ -231,16 +213,14 @@ class Fit(NamedTuple):
 
     Attributes
     ----------
-    theta : ndarray (4,)
-        u_thr, u_sat, alpha_sat, alpha_thr.
+    theta : ndarray (4,) or (24,)
+        u_thr, u_sat, alpha_sat, alpha_thr, and the deviation.
     linear : ndarray (functions,)
         w.
     levels : ndarray (knots,)
         b [N].
     matrix, right : ndarray (unknowns, unknowns), (unknowns,)
-        Sums from the blocks, lower triangle.
-    complete : ndarray (unknowns, unknowns)
-        The newest matrix with the rows of theta.
+        Sums from the memory.
     cost, squares : ndarray (1,)
         Cost including the prior, and sum of squared residuals alone [N^2].
     samples, energy : ndarray (1,)
@@ -258,7 +238,6 @@ class Fit(NamedTuple):
     levels: FloatArray
     matrix: FloatArray
     right: FloatArray
-    complete: FloatArray
     cost: FloatArray
     squares: FloatArray
     samples: FloatArray
@@ -271,7 +250,7 @@ class Fit(NamedTuple):
 
 def empty_fit(theta: FloatArray, functions: int, knots: int) -> Fit:
     """Return a fit without data."""
-    unknowns = PARAMETERS + functions + knots
+    unknowns = len(theta) + functions + knots
     single = ['cost', 'squares', 'samples', 'energy', 'variance', 'moved', 'failures']
     return Fit(
         theta=theta.copy(),
@@ -279,7 +258,6 @@ def empty_fit(theta: FloatArray, functions: int, knots: int) -> Fit:
         levels=np.zeros(knots),
         matrix=np.zeros((unknowns, unknowns)),
         right=np.zeros(unknowns),
-        complete=np.zeros((unknowns, unknowns)),
         damping=np.full(1, 1e-3),
         **{name: np.zeros(1) for name in single},
     )
@@ -288,7 +266,7 @@ def empty_fit(theta: FloatArray, functions: int, knots: int) -> Fit:
 @numba.njit(cache=True)
 def coordinate(theta: FloatArray, place: int) -> float:
     """Return a parameter in the coordinate of the steps: alpha as its logarithm."""
-    if place >= 2:
+    if 2 <= place < PARAMETERS:
         return math.log(theta[place])
     value: float = theta[place]
     return value
@@ -305,8 +283,8 @@ def weak_ridge(energy: float, samples: float, variance: float) -> float:
 
 @register_jitable
 def _room(problem: Any, fit: Fit, low: FloatArray, high: FloatArray) -> None:
-    """Write the least and greatest steps of the coordinates (4,) within `problem.prior`."""
-    for place in range(PARAMETERS):
+    """Write the least and greatest steps of the coordinates (theta,) within `problem.prior`."""
+    for place in range(len(fit.theta)):
         here = coordinate(fit.theta, place)
         low[place] = coordinate(problem.prior.lower, place) - here
         high[place] = coordinate(problem.prior.upper, place) - here
@@ -314,19 +292,19 @@ def _room(problem: Any, fit: Fit, low: FloatArray, high: FloatArray) -> None:
 
 @numba.njit(cache=True)
 def move_theta(theta: FloatArray, prior: Prior, step: FloatArray, moved: FloatArray) -> None:
-    """Write theta (4,) after a step (4,); u_thr and u_sat keep their least distance.
+    """Write theta after a step of its length; u_thr and u_sat keep their least distance.
 
     `step` becomes what was gone.
     """
-    for place in range(PARAMETERS):
+    for place in range(len(theta)):
         value = coordinate(theta, place) + step[place]
-        value = math.exp(value) if place >= 2 else value
+        value = math.exp(value) if 2 <= place < PARAMETERS else value
         moved[place] = min(max(value, prior.lower[place]), prior.upper[place])
     lacking = prior.separation - (moved[1] - moved[0])
     if lacking > 0.0:
         moved[0] = max(moved[0] - 0.5 * lacking, prior.lower[0])
         moved[1] = moved[0] + prior.separation
-    for place in range(PARAMETERS):
+    for place in range(len(theta)):
         step[place] = coordinate(moved, place) - coordinate(theta, place)
 
 
@@ -371,7 +349,7 @@ def recompute_response(
 ) -> None:
     """Write the response (functions,) of the present block for given parameters."""
     knots, functions = chains.shape
-    values = np.empty((1 + PARAMETERS, knots))
+    values = np.empty((1 + len(theta), knots))
     recruitment_at_knots(theta, values)
     state = np.zeros(functions)
     for knot in range(knots):
@@ -490,46 +468,26 @@ def predict(
 
 @numba.njit(cache=True)
 def equations(memory: Memory, fit: Fit) -> None:
-    """Write matrix (full) and right-hand side of [theta, w, b] at the parameters of `fit`."""
-    gram, cross = memory.gram, memory.cross
+    """Write matrix and right-hand side of [theta, w, b] at the parameters of `fit`."""
     knots, functions = memory.chains.shape
-    last = len(cross) - 1
-    matrix, right = fit.matrix, fit.right
-    values = np.empty((1 + PARAMETERS, knots))
+    many, last = len(fit.theta), len(memory.cross) - 1
+    values = np.empty((1 + many, knots))
     recruitment_at_knots(fit.theta, values)
-    # G times rho in every function, and times the derivatives in the direction of w.
-    count = functions + PARAMETERS
-    directions = np.zeros((count, last))
-    for knot in range(knots):
-        for function in range(functions):
-            at = knot * functions + function
-            directions[PARAMETERS + function, at] = values[0, knot]
-            for place in range(PARAMETERS):
-                directions[place, at] = values[1 + place, knot] * fit.linear[function]
-    applied = np.zeros((count, last))
-    for row in range(count):
-        for at in range(last):
-            total = 0.0
-            value = directions[row, at]
-            for other in range(at):
-                total += gram[at, other] * directions[row, other]
-                applied[row, other] += gram[at, other] * value
-            applied[row, at] += total + gram[at, at] * value
-    for row in range(count):
-        right[row] = dot(directions[row], cross[:last])
-        for column in range(row + 1):
-            matrix[row, column] = dot(directions[row], applied[column])
-            matrix[column, row] = matrix[row, column]
-        matrix[count, row] = dot(directions[row], gram[last, :last])
-        matrix[row, count] = matrix[count, row]
-    matrix[count, count] = gram[last, last]
-    right[count] = cross[last]
+    # the derivative of the model by each unknown, as a combination of the regressors
+    directions = np.zeros((len(fit.right), last + 1))
+    for at in range(last):
+        knot, function = divmod(at, functions)
+        directions[:many, at] = values[1:, knot] * fit.linear[function]
+        directions[many + function, at] = values[0, knot]
+    directions[-1, last] = 1.0
+    fit.matrix[:] = directions @ memory.gram @ directions.T
+    fit.right[:] = directions @ memory.cross
 
 
 @numba.njit(cache=True)
 def _with_ridge(memory: Memory, fit: Fit) -> tuple[FloatArray, float]:
     """Return the matrix of [w, b] with a weak ridge, and the ridge."""
-    matrix = fit.matrix[PARAMETERS:, PARAMETERS:].copy()
+    matrix = fit.matrix[len(fit.theta) :, len(fit.theta) :].copy()
     ridge = weak_ridge(memory.energy[0], memory.samples[0], fit.variance[0])
     for row in range(len(matrix)):
         matrix[row, row] += ridge
@@ -539,9 +497,9 @@ def _with_ridge(memory: Memory, fit: Fit) -> tuple[FloatArray, float]:
 @numba.njit(cache=True)
 def solve_linear(memory: Memory, prior: Prior, fit: Fit) -> bool:
     """Solve for w and b at theta, then the cost; return whether the matrix was positive."""
-    functions = len(fit.linear)
+    functions, many = len(fit.linear), len(fit.theta)
     matrix, ridge = _with_ridge(memory, fit)
-    linear = fit.right[PARAMETERS:].copy()
+    linear = fit.right[many:].copy()
     if not solve_positive(matrix, linear):
         return False
     fit.linear[:] = linear[:functions]
@@ -549,10 +507,10 @@ def solve_linear(memory: Memory, prior: Prior, fit: Fit) -> bool:
     squares = memory.energy[0]
     away = 0.0
     for row in range(len(linear)):
-        at = PARAMETERS + row
-        squares += linear[row] * (dot(fit.matrix[at, PARAMETERS:], linear) - 2.0 * fit.right[at])
+        at = many + row
+        squares += linear[row] * (dot(fit.matrix[at, many:], linear) - 2.0 * fit.right[at])
         away += ridge * linear[row] * linear[row]
-    for place in range(PARAMETERS):
+    for place in range(many):
         distance = (coordinate(fit.theta, place) - prior.mean[place]) / prior.deviation[place]
         away += fit.variance[0] * distance * distance
     fit.squares[0] = max(squares, 0.0)
@@ -593,30 +551,30 @@ class StepProblem(NamedTuple):
 
 @register_jitable
 def _linearise(problem: StepProblem, fit: Fit, hessian: FloatArray, slope: FloatArray) -> bool:
-    """Write H (4, 4) and minus half the gradient (4,); return whether there is a factor.
+    """Write H (theta, theta) and minus half the gradient; return whether there is a factor.
 
     The equations are complete already: `evaluate` leaves them so.
     """
     matrix, prior, memory = fit.matrix, problem.prior, problem.memory
-    linear = np.concatenate((fit.linear, fit.levels))
+    linear, many = np.concatenate((fit.linear, fit.levels)), len(fit.theta)
     factor, _ = _with_ridge(memory, fit)
     if not factorise_positive(factor):
         return False
-    for place in range(PARAMETERS):
-        solved = matrix[place, PARAMETERS:].copy()
+    for place in range(many):
+        solved = matrix[place, many:].copy()
         slope[place] = fit.right[place] - dot(solved, linear)
         weight = fit.variance[0] / prior.deviation[place] ** 2
         slope[place] -= weight * (coordinate(fit.theta, place) - prior.mean[place])
         solve_factorised(factor, solved)
-        for other in range(PARAMETERS):
-            hessian[other, place] = matrix[other, place] - dot(matrix[other, PARAMETERS:], solved)
+        for other in range(many):
+            hessian[other, place] = matrix[other, place] - dot(matrix[other, many:], solved)
         hessian[place, place] += weight
     return True
 
 
 @register_jitable
 def _move(problem: StepProblem, fit: Fit, step: FloatArray, trial: Fit) -> None:
-    """Take a step (4,); where the linear unknowns cannot be solved, the cost is infinite."""
+    """Take a step (theta,); where the linear unknowns cannot be solved, the cost is infinite."""
     move_theta(fit.theta, problem.prior, step, trial.theta)
     trial.variance[0] = fit.variance[0]
     trial.linear[:] = fit.linear

@@ -57,6 +57,29 @@ def test_doublets_on_a_muscle_that_adds_its_pulses_are_doubted(league):
     assert found.verdict.grade == 'doubtful'
 
 
+@pytest.mark.parametrize(
+    ('muscle', 'excitation', 'most'),
+    [('boltzmann', 'random', 0.2), ('unsaturated', 'sinusoid', 0.4), ('pools', 'sinusoid', 1.0)],
+)
+def test_recruitment_of_any_shape(league, muscle, excitation, most):
+    """Arctangents alone leave 0.5, 6 and 38 % of the maximum."""
+    arrays, truth = league.session(muscle, excitation, 0)
+    last = rpms_ros.from_arrays(*arrays).identify('recursive').estimates.last
+    error = 100.0 * np.abs(last.curve_force - truth) / truth.max()
+    assert error.max() < most
+    inside = (last.curve_lower <= truth) & (truth <= last.curve_upper)
+    assert inside[5:].mean() > 0.8
+
+
+@pytest.mark.parametrize('estimator', ['recursive', 'batch'])
+def test_the_arctangents_alone_are_the_paper_s(league, estimator):
+    arrays, truth = league.session('boltzmann', 'random', 0)
+    found = rpms_ros.from_arrays(*arrays).identify(estimator, preset='arctan')
+    # what the family of the paper leaves of this muscle
+    error = np.abs(found.estimates.last.curve_force - truth).max() / truth.max()
+    assert 0.003 < error < 0.006
+
+
 def test_a_slow_sinusoid_shows_the_curve_after_two_periods(session):
     found = session(seed=2, period=18.0, seconds=40.0)
     # bench/recursion_people.py: worst of 20 seeds below 0.5 %.
