@@ -322,7 +322,7 @@ def test_cable_that_is_pulled(fake, device):
         device.silence()
 
 
-def test_failed_opening_lets_go_of_the_port(fake, patient_device):
+def test_failed_opening_lets_go_of_the_port(fake, patient_device, wait_for):
     fake.refuse = {b'Q@': b'S'}
     device = patient_device(fake.port, opened=False)
     for _ in range(2):
@@ -333,7 +333,7 @@ def test_failed_opening_lets_go_of_the_port(fake, patient_device):
     device.open()
     assert fake.remote
     device.close()
-    assert not fake.remote
+    wait_for(lambda: not fake.remote)
     # and once more
     device.open()
 
