@@ -167,10 +167,13 @@ def replayed(
 
 
 def _missed(session: IdentifiedSession) -> float:
-    """Return the mean square of the prediction errors over the later half [N^2]."""
+    """Return the median square of the prediction errors over the later half [N^2].
+
+    An unheard pulse or a knock says nothing of the muscle, and has the largest ones.
+    """
     error = (session.force - session.prediction)[session.usable]
     later = error[len(error) // 2 :]
-    return float(np.mean(later**2)) if len(later) else 0.0
+    return float(np.median(later**2)) if len(later) else 0.0
 
 
 def _period(recording: Recording, most_estimates: int | None) -> float:

@@ -11,6 +11,7 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
+import rpms_ros
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification import (
     CURVE_INTENSITY,
@@ -179,3 +180,13 @@ def test_the_curve_is_that_of_the_muscle(cut, name):
     assert found.last.faults == {'samples_excluded': pytest.approx(excluded, abs=2)}
     assert found.last.doubts == ()
     assert verdict_of(found, *cut).grade == 'good'
+
+
+@pytest.mark.long
+def test_a_recording_with_unheard_pulses_is_followed(league):
+    """Prediction errors of both estimators are largest where a pulse was not heard."""
+    arrays, truth = league.session('lost', 'sinusoid', 0)
+    found = rpms_ros.from_arrays(*arrays).identify()
+    assert found.estimator == 'tracking'
+    # 12 % with `batch`, which says that no constant muscle explains these data
+    assert np.abs(found.estimates.last.curve_force - truth).max() < 0.01 * truth.max()
