@@ -233,16 +233,26 @@ def sinusoid(tmp_path_factory):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(('estimator', 'told'), [('recursive', True), ('batch', False)])
+@pytest.mark.parametrize(
+    ('options', 'told'),
+    [(['--estimator', 'recursive', '--preset', 'arctan'], True), (['--estimator', 'batch'], False)],
+)
 def test_a_response_that_is_no_twitch_is_told_from_the_twitch_closest_to_it(
-    rpms, sinusoid, tmp_path, estimator, told
+    rpms, sinusoid, tmp_path, options, told
 ):
     """The functions of `recursive` begin after this muscle does: two peaks of its force differ."""
     report = tmp_path / 'report.html'
-    _, out, _ = rpms('identify', sinusoid, '--estimator', estimator)
+    _, out, _ = rpms('identify', sinusoid, *options)
     assert (NOT_A_TWITCH in ' '.join(out.split())) == told
-    rpms('report', sinusoid, '--estimator', estimator, '--out', report)
+    rpms('report', sinusoid, *options, '--out', report)
     assert (f'<p>The response is {NOT_A_TWITCH}.</p>' in report.read_text()) == told
+
+
+def test_one_slow_period_of_a_muscle_without_a_latency_is_refused_by_the_recursion(rpms, sinusoid):
+    """What its functions miss looks like a deviation of the recruitment."""
+    code, out, _ = rpms('identify', sinusoid, '--estimator', 'recursive')
+    assert code == 3
+    assert 'it begins before the functions of the model' in ' '.join(out.split())
 
 
 # Of `rpms simulate`: steady force at full intensity, and peak of the response to one pulse [N].
