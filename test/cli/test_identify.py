@@ -235,16 +235,16 @@ def sinusoid(tmp_path_factory):
 @pytest.mark.long
 @pytest.mark.parametrize(
     ('options', 'told'),
-    [(['--estimator', 'recursive', '--preset', 'arctan'], True), (['--estimator', 'batch'], False)],
+    [('--estimator recursive --preset arctan', True), ('--estimator batch', False)],
 )
 def test_a_response_that_is_no_twitch_is_told_from_the_twitch_closest_to_it(
     rpms, sinusoid, tmp_path, options, told
 ):
     """The functions of `recursive` begin after this muscle does: two peaks of its force differ."""
     report = tmp_path / 'report.html'
-    _, out, _ = rpms('identify', sinusoid, *options)
+    _, out, _ = rpms('identify', sinusoid, *options.split())
     assert (NOT_A_TWITCH in ' '.join(out.split())) == told
-    rpms('report', sinusoid, *options, '--out', report)
+    rpms('report', sinusoid, *options.split(), '--out', report)
     assert (f'<p>The response is {NOT_A_TWITCH}.</p>' in report.read_text()) == told
 
 
