@@ -148,7 +148,7 @@ def add_estimator_options(parser: argparse.ArgumentParser) -> None:
 
 
 def add_preset_option(parser: 'argparse._ActionsContainer') -> None:
-    """Add the choice of what the paper printed."""
+    """Add the choice of the model: for people, or as the paper printed it."""
     text = (
         'arctan takes the arctangents of the paper alone as recruitment; paper_table_4 and '
         'paper_table_5 reproduce its tables and are not for people; leave it out otherwise'

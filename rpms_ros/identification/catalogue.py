@@ -77,9 +77,6 @@ class EstimatorOptions:
 
 EstimatorBuilder = Callable[[EstimatorOptions], Estimator]
 
-# The simulated plant of the paper has no latency; people have one, about 9 ms, rarely below 8.
-_LATENCY = {'paper_table_4': 0.0}
-
 
 def _recursive(options: EstimatorOptions) -> Estimator:
     if options.history is not None:
@@ -95,7 +92,9 @@ def _recursive(options: EstimatorOptions) -> Estimator:
 def _projection(options: EstimatorOptions) -> ProjectionSettings:
     people, any_shape = options.preset not in PAPER_PRESETS, options.preset == PEOPLE_PRESET
     start = PEOPLE.start if people else settings_by_name(options.preset).start
-    basis = replace(ProjectionSettings().basis, latency=_LATENCY.get(options.preset, 8e-3))
+    # The simulated plant of the paper has no latency; people have one, about 9 ms, rarely below 8.
+    latency = 0.0 if options.preset == 'paper_table_4' else 8e-3
+    basis = replace(ProjectionSettings().basis, latency=latency)
     history = options.history
     return ProjectionSettings(basis, start, any_shape, history=history, choose_basis=people)
 

@@ -73,6 +73,7 @@ from rpms_ros.identification.recursion.recursive_kernel import (
     let_baseline_drift,
     predict,
     recompute_response,
+    reduced,
     refresh_variance,
     residual_sum,
     scale_memory,
@@ -508,12 +509,9 @@ class FixedSizeRecursion:
         fit, many = self._fit, len(self._fit.theta)
         spread = float(self._spread.sums.spread.max(initial=0.0))
         variance = min(max(spread, fit.variance[0]), _MOST_INFLATION * fit.variance[0])
-        linear = np.concatenate((fit.linear, fit.levels))
-        ridge = weak_ridge(fit.energy[0], fit.samples[0], fit.variance[0])
-        rest = fit.matrix[many:, many:] + ridge * np.eye(len(linear))
-        coupling = fit.matrix[many:, :many]
-        information = fit.matrix[:many, :many] - coupling.T @ np.linalg.solve(rest, coupling)
-        slope = fit.right[:many] - coupling.T @ linear
+        information, slope = np.zeros((many, many)), np.zeros(many)
+        if not reduced(self._memory, fit, information, slope):
+            return False
 
         def evidence(shape: tuple[int, int]) -> float:
             prior = self._prior_of(shape)

@@ -65,7 +65,11 @@ from rpms_ros.identification.model.levenberg_marquardt import (
     solve_factorised,
     solve_positive,
 )
-from rpms_ros.identification.model.recruitment import PARAMETERS, recruitment_with_gradient
+from rpms_ros.identification.model.recruitment import (
+    PARAMETERS,
+    recruitment,
+    recruitment_with_gradient,
+)
 from rpms_ros.pulses import BoolArray, FloatArray, IntArray
 
 # The present block and the one before it.
@@ -348,12 +352,9 @@ def recompute_response(
     chains: FloatArray, theta: FloatArray, linear: FloatArray, response: FloatArray
 ) -> None:
     """Write the response (functions,) of the present block for given parameters."""
-    knots, functions = chains.shape
-    values = np.empty((1 + len(theta), knots))
-    recruitment_at_knots(theta, values)
-    state = np.zeros(functions)
-    for knot in range(knots):
-        state += values[0, knot] * chains[knot]
+    state = np.zeros(chains.shape[1])
+    for knot in range(len(chains)):
+        state += recruitment((knot + 1) / len(chains), theta) * chains[knot]
     correlate(linear, state, response)
 
 
@@ -549,25 +550,35 @@ class StepProblem(NamedTuple):
     prior: Prior
 
 
-@register_jitable
-def _linearise(problem: StepProblem, fit: Fit, hessian: FloatArray, slope: FloatArray) -> bool:
-    """Write H (theta, theta) and minus half the gradient; return whether there is a factor.
+@numba.njit(cache=True)
+def reduced(memory: Memory, fit: Fit, hessian: FloatArray, slope: FloatArray) -> bool:
+    """Write H (theta, theta) and minus half the gradient, both without the prior.
 
-    The equations are complete already: `evaluate` leaves them so.
+    The equations are complete already: `evaluate` leaves them so.  Return whether the matrix of
+    [w, b] has a factor.
     """
-    matrix, prior, memory = fit.matrix, problem.prior, problem.memory
-    linear, many = np.concatenate((fit.linear, fit.levels)), len(fit.theta)
+    matrix, linear, many = fit.matrix, np.concatenate((fit.linear, fit.levels)), len(fit.theta)
     factor, _ = _with_ridge(memory, fit)
     if not factorise_positive(factor):
         return False
     for place in range(many):
         solved = matrix[place, many:].copy()
         slope[place] = fit.right[place] - dot(solved, linear)
-        weight = fit.variance[0] / prior.deviation[place] ** 2
-        slope[place] -= weight * (coordinate(fit.theta, place) - prior.mean[place])
         solve_factorised(factor, solved)
         for other in range(many):
             hessian[other, place] = matrix[other, place] - dot(matrix[other, many:], solved)
+    return True
+
+
+@register_jitable
+def _linearise(problem: StepProblem, fit: Fit, hessian: FloatArray, slope: FloatArray) -> bool:
+    """Write H (theta, theta) and minus half the gradient; return whether there is a factor."""
+    prior = problem.prior
+    if not reduced(problem.memory, fit, hessian, slope):
+        return False
+    for place in range(len(fit.theta)):
+        weight = fit.variance[0] / prior.deviation[place] ** 2
+        slope[place] -= weight * (coordinate(fit.theta, place) - prior.mean[place])
         hessian[place, place] += weight
     return True
 
