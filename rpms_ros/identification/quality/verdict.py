@@ -72,7 +72,7 @@ _DEEPEST_SWING, _WORST_SWING = 0.15, 0.5
 # final one, or this share of the range of the force.
 _HELD_OUT_TIMES, _LARGEST_HELD_OUT = 3.0, 0.05
 # Half the interval of a curve that is known whatever its parameters are: share of its maximum.
-_NARROW = 0.05
+_NARROW = 0.03
 # Length of the end that is judged: two periods of the slow sinusoids in use; a muscle that tires
 # changes by a quarter meanwhile, which leaves 0.03 of the variance unexplained.  Half of it for an
 # estimator that follows such changes, because its estimate is that of the end.

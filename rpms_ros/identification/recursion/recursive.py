@@ -13,8 +13,9 @@ are cut.
 **Changes.**  The logarithm of the mean square q of the a-priori errors of a block is compared with
 that of the last blocks: ``z = (log q - mean) / deviation``, limited to -3..3.  The sum
 ``c <- max(0, c + z - 1)`` (Page's cumulative sum) stays near zero while the muscle does not
-change.  A block adds at most 2, so at least ten blocks, half a second of pulses at 20 Hz, are
-needed to exceed 20: a knock or a single spike is no change.
+change.  A block adds at most 2, so at least 15 blocks, 0.75 s of pulses at 20 Hz, are needed to
+exceed 30: a knock or a pulse that was not heard is no change.  A block with z above 3 has a weight
+such that it would have had 3.
 """
 
 import math
@@ -52,6 +53,7 @@ from rpms_ros.identification.model.recruitment import (
     recruitment,
 )
 from rpms_ros.identification.quality.doubts import (
+    CHANGED_LATELY,
     FACTORISATION_FAILED,
     INTERVALS_VARY,
     PlausibilityCheck,
@@ -108,7 +110,7 @@ _FIRST_VARIANCE = 0.01
 _SHAPE_STEPS, _MOST_INFLATION = 20, 10.0
 # Most blocks over which mean and deviation are taken.
 _BLOCKS = 200.0
-_MOST, _DRIFT, _LIMIT = 3.0, 1.0, 20.0
+_MOST, _DRIFT, _LIMIT = 3.0, 1.0, 30.0
 # Standard deviation of the logarithm of a mean of 50 squares of white noise.
 _LEAST_DEVIATION = 0.2
 # Before this time the errors fall because the recursion learns [s].
@@ -129,19 +131,26 @@ class ChangeTest:
     """
 
     def __init__(self) -> None:
-        self.learnt_s = 0.0
-        self.changes = 0
         self.changed_ns: int | None = None
-        self._mean = 0.0
-        self._variance = 0.0
-        self._blocks = 0.0
-        self._sum = 0.0
-        self._begun_ns = 0
+        self.changes = self._begun_ns = 0
+        self.learnt_s = self._mean = self._variance = self._blocks = self._sum = 0.0
 
     def interrupt(self) -> None:
         """Reset the sum and forget when a change was: the next blocks are of another clock."""
         self._sum = 0.0
         self.changed_ns = None
+
+    @property
+    def settling(self) -> bool:
+        """Whether the errors fall because the recursion learns."""
+        return self.learnt_s <= _SETTLING_TIME
+
+    def weight(self, mean_square: float) -> float:
+        """Return the weight of a block: less than 1 where its errors are unusually large [N^2]."""
+        if self.settling:
+            return 1.0
+        most = self._mean + _MOST * max(math.sqrt(self._variance), _LEAST_DEVIATION)
+        return min(math.exp(most) / mean_square, 1.0)
 
     def take(self, start_ns: int, seconds: float, mean_square: float) -> bool:
         """Add a block in which pulses act; return whether the muscle has changed.
@@ -157,7 +166,7 @@ class ChangeTest:
         """
         self.learnt_s += seconds
         value = math.log(mean_square)
-        if self.learnt_s > _SETTLING_TIME:
+        if not self.settling:
             deviation = max(math.sqrt(self._variance), _LEAST_DEVIATION)
             away = min(max((value - self._mean) / deviation, -_MOST), _MOST)
             if self._sum == 0.0:
@@ -245,8 +254,6 @@ class ResidualSpread:
 _NEWEST = 0.25
 # Errors below this share of the variance are not distinguished.
 _FLOOR = 0.01
-# The test does not tell what has changed.
-_KIND = 'unknown'
 # Intervals vary where the weights of more than this share of the pulses differ by this factor from
 # the weight of the one before; a lost pulse makes two.
 _VARYING, _APART = 0.1, 1.25
@@ -290,9 +297,8 @@ class FixedSizeRecursion:
         # scratch: a trial step, and a fit from another start
         self._trial, self._other = (empty_fit(start, basis.functions, 1) for _ in range(2))
         self._starts = [other[: len(start)] for other in settings.starts()]
-        self._steps = 0
-        # places in `SIZES` and `LENGTHS`
-        self._shape = 0, 1
+        # the latter: places in `SIZES` and `LENGTHS`
+        self._steps, self._shape = 0, (0, 1)
         self._prior = self._prior_of(self._shape)
         self._test = ChangeTest()
         self._spread = ResidualSpread()
@@ -303,8 +309,7 @@ class FixedSizeRecursion:
         )
         self._plausibility = PlausibilityCheck()
         # pulses that acted, and those of another weight than the one before
-        self._acted = self._varied = 0
-        self._last_weight = 0.0
+        self._acted, self._varied, self._last_weight = 0, 0, 0.0
 
     @property
     def memory(self) -> float:
@@ -370,25 +375,22 @@ class FixedSizeRecursion:
         found = *self._found(), PRIOR.deviation
         estimate = self._builder.make(stamp_ns, *found, counters, faults)
         estimate = replace(self._plausibility.examine(estimate), changes=self._test.changes)
-        estimate = doubted(estimate, {INTERVALS_VARY: self._varied > _VARYING * self._acted})
-        changed_ns = self._test.changed_ns
-        if changed_ns is None:
+        settling = self._test.changes > 0 and self._test.settling
+        varied = self._varied > _VARYING * self._acted
+        estimate = doubted(estimate, {INTERVALS_VARY: varied, CHANGED_LATELY: settling})
+        if self._test.changed_ns is None:
             return estimate
-        ago = np.array([(stamp_ns - changed_ns) / NANOSECONDS_PER_SECOND])
-        return replace(estimate, change_kinds=(_KIND,), change_ago=ago)
+        ago = np.array([(stamp_ns - self._test.changed_ns) / NANOSECONDS_PER_SECOND])
+        # the test does not tell what has changed
+        return replace(estimate, change_kinds=('unknown',), change_ago=ago)
 
     def _found(self) -> tuple[Muscle, Uncertainty | None]:
         """Return the muscle that is known, and its uncertainty, None while there is no sample."""
         fit, sums = self._fit, self._spread.sums
         many = len(fit.theta)
         joint = many + len(fit.linear)
-        muscle = Muscle(
-            fit.theta.copy(),
-            fit.linear.copy(),
-            fit.levels.copy(),
-            moved=float(fit.moved[0]),
-            damping=float(fit.damping[0]),
-        )
+        levels, moved = fit.levels.copy(), float(fit.moved[0])
+        muscle = Muscle(fit.theta.copy(), fit.linear.copy(), levels, moved, float(fit.damping[0]))
         if not fit.samples[0] > 0.0:
             return muscle, None
         data = self._information
@@ -449,8 +451,12 @@ class FixedSizeRecursion:
             return
         seconds = (end_ns - start_ns) / NANOSECONDS_PER_SECOND
         acting = excited(memory, self._input_gain)
-        kept = 1.0
+        floor = _FLOOR * float(fit.variance[0]) + LEAST_ENERGY
+        share = kept = 1.0
         if acting:
+            share = self._test.weight(mean_square + floor)
+            for sums in (memory.blocks.gram, memory.blocks.response, memory.blocks.moments):
+                sums[here] *= share
             scale_memory(memory, math.exp(-seconds / _MEMORY_TIME))
             window = min(max(_NEWEST * self._test.learnt_s, 1.0), _MEMORY_TIME)
             kept = math.exp(-seconds / window)
@@ -458,11 +464,10 @@ class FixedSizeRecursion:
         weight = float(memory.blocks.weight[here]) / self._input_gain
         rho = recruitment(float(memory.blocks.intensity[here]), fit.theta)
         # the block may have ended without samples: their mean time is half of what they cover
-        covered = 2.0 * float(memory.blocks.moments[here, TIME]) / samples
-        self._spread.take(start_ns, covered, residual, samples, weight * rho, kept)
+        covered = 2.0 * float(memory.blocks.moments[here, TIME]) / (share * samples)
+        self._spread.take(start_ns, covered, residual, share * samples, weight * rho, kept)
         let_baseline_drift(memory, _WALK**2 * seconds)
         add_block(memory, here)
-        floor = _FLOOR * float(fit.variance[0]) + LEAST_ENERGY
         if acting and self._test.take(start_ns, seconds, mean_square + floor):
             after = _MEMORY_AFTER_CHANGE * samples / max(seconds, 1e-3)
             scale_memory(memory, min(after / float(memory.samples[0]), 1.0))
@@ -538,10 +543,8 @@ class FixedSizeRecursion:
     def _challenge(self, start: FloatArray) -> None:
         """Try another start; continue from there if it fits the memory better."""
         fit, other = self._fit, self._other
-        other.theta[:] = start
-        other.linear[:] = fit.linear
-        other.variance[0] = fit.variance[0]
-        other.damping[0] = _START_DAMPING
+        other.theta[:], other.linear[:] = start, fit.linear
+        other.variance[0], other.damping[0] = fit.variance[0], _START_DAMPING
         if not evaluate(self._memory, self._prior, other):
             return
         other = self._improved(other, _CHALLENGER_STEPS)
