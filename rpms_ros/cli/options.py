@@ -94,9 +94,11 @@ def topics_of(arguments: argparse.Namespace) -> 'Topics':
 def add_memory_option(parser: argparse.ArgumentParser) -> None:
     """Add the bound on what reading may take."""
     text = 'memory that reading the recording may take (default: 1 GB and four times its size)'
-    add_option(
-        parser, '--max-memory GB', None, text, type=lambda text: int(_positive(text, 'GB') * 1e9)
-    )
+    add_option(parser, '--max-memory GB', None, text, type=_bytes_of_gigabytes)
+
+
+def _bytes_of_gigabytes(text: str) -> int:
+    return int(_positive(text, 'GB') * 1e9)
 
 
 def _positive(text: str, unit: str = 'N') -> float:

@@ -268,8 +268,8 @@ _BINS, _LAGS = 6000, 2000
 # Pulses are known so far ahead of the samples.
 _AHEAD = 40
 _FEWEST = 20
-# Intensities that are so much alike from pulse to pulse tell no delay.
-_FORETOLD = 0.9
+# Intensities that are so much alike from pulse to pulse tell no delay; pulses that foretell one.
+_FORETOLD, _TOLD = 0.9, 6
 # Pulses in a row that arrive apart from the force; those kept.
 _FEW_APART, _STRANGE = 5, 200
 # Peak of a correlation in standard deviations of the rest of it.
@@ -380,9 +380,11 @@ def _answered_apart(
     given -= given.mean()
     alike = float(given[1:] @ given[:-1]) / float(given @ given) if varied else 1.0
     if alike < _FORETOLD:
-        # what the pulse before does not tell, or levels that are held would answer ahead
-        drive[:] = 0.0
-        drive[places[1:]] = given[1:] - alike * given[:-1]
+        # what pulses before do not tell, or levels that are held would answer ahead; one alone
+        # would leave an echo of single pulses among slow ones
+        before, drive[:] = np.lib.stride_tricks.sliding_window_view(given[:-1], _TOLD), 0.0
+        foretold = before @ np.linalg.lstsq(before, given[_TOLD:], rcond=None)[0]
+        drive[places[_TOLD:]] = given[_TOLD:] - foretold
     known = (np.arange(len(step)) >= first) & (np.arange(len(step)) < last)
     room = _correlated(known.astype(float), np.square(drive))
     # lags at which little is left to compare are no measure of chance

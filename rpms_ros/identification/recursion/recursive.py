@@ -147,10 +147,8 @@ class ChangeTest:
 
     def weight(self, mean_square: float) -> float:
         """Return the weight of a block: less than 1 where its errors are unusually large [N^2]."""
-        if self.settling:
-            return 1.0
         most = self._mean + _MOST * max(math.sqrt(self._variance), _LEAST_DEVIATION)
-        return min(math.exp(most) / mean_square, 1.0)
+        return 1.0 if self.settling else min(math.exp(most) / mean_square, 1.0)
 
     def take(self, start_ns: int, seconds: float, mean_square: float) -> bool:
         """Add a block in which pulses act; return whether the muscle has changed.

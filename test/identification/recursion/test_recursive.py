@@ -79,6 +79,15 @@ def test_pulses_that_were_not_heard_bend_no_curve(league, excitation):
     assert np.abs(last.curve_force - truth).max() < 0.01 * truth.max()
 
 
+def test_single_pulses_among_slow_ones_are_of_one_clock(league):
+    """The echo of each in what the pulse before foretells was taken for an answer ahead."""
+    kinds, excitation, one, generator = league.drawn(377, league.MUSCLES)
+    assert (kinds, excitation) == (['arctan'], 'catch')
+    arrays, _ = league.simulated(kinds, excitation, one, generator)
+    found = rpms_ros.from_arrays(*arrays).identify('recursive', rate_hz=one['rate'])
+    assert found.verdict.grade == 'good'
+
+
 @pytest.mark.parametrize('estimator', ['recursive', 'batch'])
 def test_the_arctangents_alone_are_the_paper_s(league, estimator):
     arrays, truth = league.session('boltzmann', 'random', 0)
