@@ -173,7 +173,7 @@ class ChangeTest:
             if self._sum > _LIMIT:
                 self.changes += 1
                 self.changed_ns = self._begun_ns
-                self._sum = self.learnt_s = self._blocks = 0.0
+                self._sum = self.learnt_s = self._blocks = self._mean = 0.0
                 return True
             if self._sum > 0.0:
                 return False

@@ -272,3 +272,15 @@ def test_the_unit_of_force_changes_no_time_of_a_change(scale):
 
     assert found(1.0)[0] in range(205, 230)
     assert found(scale) == found(1.0)
+
+
+def test_errors_after_a_change_have_a_deviation():
+    """A mean that stood from before left rounding in its place, below zero in some."""
+    for seed in range(5):
+        square = np.random.default_rng(seed).chisquare(50, 300) / 5000.0
+        square[200:] *= 30.0
+        test = ChangeTest()
+        for one in square:
+            assert 0.0 < test.weight(one) <= 1.0
+            test.take(0, 0.05, one)
+        assert test.changes == 1
