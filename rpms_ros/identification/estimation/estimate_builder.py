@@ -504,15 +504,15 @@ class Counters(NamedTuple):
     ----------
     samples, pulses : int
         How many were used.
-    intensity_span : float
-        Highest minus lowest intensity, share of the maximum.
+    intensity_range : tuple of float
+        Lowest and highest intensity above 0, shares of the maximum.
     output_error : float
         A-priori error over the last second, relative to the force.
     """
 
     samples: int
     pulses: int
-    intensity_span: float
+    intensity_range: tuple[float, float]
     output_error: float
 
 
@@ -588,7 +588,7 @@ class EstimateBuilder:
                 'nonlinear_identifiability': identifiability(spread, deviation, found.moved),
                 'condition_number': found.condition,
             }
-        fields |= self._curve(found, sure, counters.intensity_span)
+        fields |= self._curve(found, sure, *counters.intensity_range)
         fields |= self._response(found, sure)
         return Estimate(
             stamp_ns=stamp_ns,
@@ -614,10 +614,10 @@ class EstimateBuilder:
         return found.area_error / max(area, found.area_error, 1e-300)
 
     def _curve(
-        self, found: Muscle, sure: Uncertainty | None, span: float
+        self, found: Muscle, sure: Uncertainty | None, low: float, high: float
     ) -> dict[str, FloatArray]:
         """Return K rho(u) and its bounds [N]; empty if there was one intensity only."""
-        if not span >= SMALLEST_INTENSITY_SPAN:
+        if not high - low >= SMALLEST_INTENSITY_SPAN:
             return {'curve_force': np.empty(0)}
         area = self._rate_hz * self._basis.area
         rho, slopes = self._recruitment(CURVE_INTENSITY, found.theta)
@@ -627,9 +627,15 @@ class EstimateBuilder:
             return {'curve_force': curve}
         # an error of the shape does not end where the recruitment is small
         shape = _SHAPE * rho[-1] * np.minimum(CURVE_INTENSITY / _LOW, 1.0)
-        misfit = self._rate_hz * found.area_error * np.hypot(rho, shape)
+        error = self._rate_hz * found.area_error
+        misfit = np.hypot(error * rho, max(error, MISFIT * abs(gain)) * shape)
         half = sure.half_width(np.hstack((gain * slopes, np.outer(rho, area))), misfit)
-        return {'curve_force': curve, 'curve_lower': curve - half, 'curve_upper': curve + half}
+        lower, upper = curve - half, curve + half
+        # below the lowest intensity the force is only known to be no larger than there
+        unseen = low > CURVE_INTENSITY
+        lower[unseen] = np.minimum(lower[unseen], 0.0)
+        upper[unseen] = np.maximum(upper[unseen], np.interp(low, CURVE_INTENSITY, upper))
+        return {'curve_force': curve, 'curve_lower': lower, 'curve_upper': upper}
 
     def _response(self, found: Muscle, sure: Uncertainty | None) -> dict[str, Any]:
         """Return the response to a pulse of full intensity, and its physiology."""

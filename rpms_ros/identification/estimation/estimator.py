@@ -238,12 +238,11 @@ class ProjectionEstimator:
 
     def _counters(self) -> Counters:
         """Return the properties of the data so far."""
-        low, high = self._intensity_range
         intake = self._intake
         energy = float(intake.force_energy[0])
         return Counters(
             samples=int(intake.learnt[0]),
             pulses=self._pulses,
-            intensity_span=high - low,
+            intensity_range=self._intensity_range,
             output_error=float(np.sqrt(intake.error_energy[0] / energy)) if energy > 0.0 else 0.0,
         )

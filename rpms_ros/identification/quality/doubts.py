@@ -629,12 +629,14 @@ class PlausibilityCheck:
         Of either sign [N].
     pulses : int
         How many there were.
+    intensity_range : tuple of float
+        Their lowest and highest intensity above 0, shares of the maximum.
     """
 
     def __init__(self) -> None:
         self.largest_force = 0.0
         self.pulses = 0
-        self._intensity_range = (np.inf, -np.inf)
+        self.intensity_range = (np.inf, -np.inf)
         self._time_ns = 0
         self._last_ns: int | None = None
 
@@ -647,25 +649,19 @@ class PlausibilityCheck:
         self._time_ns += int(onset_ns[-1] - onset_ns[0])
         self._last_ns = int(onset_ns[-1])
         self.pulses += len(onset_ns)
-        self._intensity_range = recruiting_range(intensity, self._intensity_range)
-
-    @property
-    def intensity_span(self) -> float:
-        """Highest minus lowest intensity above 0, share of the maximum; negative without one."""
-        low, high = self._intensity_range
-        return high - low
+        self.intensity_range = recruiting_range(intensity, self.intensity_range)
 
     def add_forces(self, force: FloatArray, usable: BoolArray) -> None:
         """Add samples (samples,) [N]."""
-        largest = np.abs(force[usable]).max(initial=self.largest_force)
-        self.largest_force = float(largest)
+        self.largest_force = float(np.abs(force[usable]).max(initial=self.largest_force))
 
     def examine(self, estimate: Estimate) -> Estimate:
         """Return the estimate, with doubts and reasons added where it is impossible."""
         if not estimate.curve_known:
             return estimate
         # at intensities that were given
-        given = estimate.curve_intensity <= self._intensity_range[1] + 1e-9
+        low, high = self.intensity_range
+        given = estimate.curve_intensity <= high + 1e-9
         curve = estimate.curve_force[given]
         full = float(estimate.curve_force[-1])
         # The response is to full intensity, which need not have been given.
@@ -678,15 +674,15 @@ class PlausibilityCheck:
             (self.pulses - 1) * NANOSECONDS_PER_SECOND / self._time_ns
             > _SLOWER * estimate.repetition_rate
         )
-        wide = False
+        width = 0.0
         if len(estimate.curve_upper):
-            width = (estimate.curve_upper - estimate.curve_lower)[given].max()
-            wide = bool(width > np.abs(curve).max())
+            told = given & (estimate.curve_intensity >= low)
+            width = float((estimate.curve_upper - estimate.curve_lower)[told].max())
         wrong = {
             CURVE_NEGATIVE: bool(curve.min() < -_NEGATIVE * self.largest_force),
             CURVE_BEYOND_FORCE: bool(curve.max() > most and fast),
             RESPONSE_BEYOND_FORCE: min(share, 1.0) * highest > most,
             RESPONSE_NEGATIVE: lowest < -_RESPONSE_NEGATIVE * highest,
-            BAND_WIDER_THAN_CURVE: wide,
+            BAND_WIDER_THAN_CURVE: width > float(np.abs(curve).max()),
         }
         return doubted(estimate, wrong)

@@ -17,7 +17,7 @@ import numpy as np
 from rpms_ros.axis import QUANTITIES
 from rpms_ros.errors import IdentificationError, check_number
 from rpms_ros.identification.analysis.dynamics import TrainDynamics
-from rpms_ros.identification.model.estimate import NOT_INFORMED, Estimate
+from rpms_ros.identification.model.estimate import NOT_INFORMED, Estimate, recruiting_range
 from rpms_ros.identification.offline import IdentifiedSession, settled
 from rpms_ros.identification.quality.doubts import (
     CLOCKS_DIFFER,
@@ -452,8 +452,8 @@ def _of_the_estimator(
         why = '; '.join(last.reasons)
         yield DOUBTFUL, 'the data do not determine the threshold' + (f': {why}' if why else '')
     if len(half):
-        applied = pulses.intensity[np.isfinite(pulses.intensity)]
-        given = last.curve_intensity <= np.clip(applied.max(initial=0.0), 0.0, 1.0)
+        low, high = recruiting_range(pulses.intensity, (1.0, 0.0))
+        given = (last.curve_intensity >= low) & (last.curve_intensity <= high)
         place = int(np.argmax(np.where(given, half, 0.0)))
         if half[place] > most:
             text = (

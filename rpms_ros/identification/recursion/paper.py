@@ -150,7 +150,8 @@ class ModifiedRecursiveLM:
 
     def _curve(self, parameters: RecruitmentParameters, linear: FloatArray) -> FloatArray:
         """Return K rho(u) [N] (101,), empty if one intensity only has been seen."""
-        if not self._plausibility.intensity_span >= SMALLEST_INTENSITY_SPAN:
+        low, high = self._plausibility.intensity_range
+        if not high - low >= SMALLEST_INTENSITY_SPAN:
             return np.empty(0)
         gain = self.rate_hz * float(self.settings.basis.area @ linear)
         return gain * identified_recruitment(parameters, CURVE_INTENSITY)

@@ -365,7 +365,7 @@ class FixedSizeRecursion:
         counters = Counters(
             samples=int(carried.learnt[0]),
             pulses=self._plausibility.pulses,
-            intensity_span=self._plausibility.intensity_span,
+            intensity_range=self._plausibility.intensity_range,
             output_error=float(np.sqrt(carried.error_energy[0] / energy)) if energy > 0.0 else 0.0,
         )
         if fit.failures[0]:

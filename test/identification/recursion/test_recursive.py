@@ -88,6 +88,18 @@ def test_single_pulses_among_slow_ones_are_of_one_clock(league):
     assert found.verdict.grade == 'good'
 
 
+def test_below_the_lowest_intensity_the_interval_begins_at_no_force(league):
+    """No pulse was below 0.3; that the force begins with a corner there, none of them tells."""
+    kinds, excitation, one, generator = league.drawn(325, league.MUSCLES)
+    assert (kinds, excitation) == (['weibull'], 'upper')
+    arrays, truth = league.simulated(kinds, excitation, one, generator)
+    found = rpms_ros.from_arrays(*arrays).identify('recursive', rate_hz=one['rate'])
+    last = found.estimates.last
+    assert ((last.curve_lower <= truth) & (truth <= last.curve_upper)).all()
+    assert last.curve_lower[:30].max() <= 0.0
+    assert found.verdict.grade == 'good'  # of the intensities that were given
+
+
 @pytest.mark.parametrize('estimator', ['recursive', 'batch'])
 def test_the_arctangents_alone_are_the_paper_s(league, estimator):
     arrays, truth = league.session('boltzmann', 'random', 0)
