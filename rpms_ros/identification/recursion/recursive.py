@@ -27,6 +27,7 @@ import numpy as np
 from rpms_ros.errors import IdentificationError, check_number
 from rpms_ros.identification.estimation.blocks import (
     COUNT,
+    FORCE,
     LONGEST_BLOCK_NS,
     TIME,
     PulseDelayLine,
@@ -108,9 +109,12 @@ _FIRST_VARIANCE = 0.01
 # The deviation's size and length are chosen every so many steps; correlated residuals count at
 # most by this factor then.
 _SHAPE_STEPS, _MOST_INFLATION = 20, 10.0
-# Most blocks over which mean and deviation are taken.
-_BLOCKS = 200.0
-_MOST, _DRIFT, _LIMIT = 3.0, 1.0, 30.0
+# Most blocks of a class over which mean and deviation are taken: fewer while errors fall, or the
+# first ones hide pulses that were not heard.
+_BLOCKS, _FIRST_BLOCKS = 200.0, 30.0
+_MOST, _DRIFT, _LIMIT = 3.0, 1.5, 35.0
+# Classes of blocks by their force, relative to its root mean square, and blocks to know one.
+_CLASSES, _FEW = 4, 10.0
 # Standard deviation of the logarithm of a mean of 50 squares of white noise.
 _LEAST_DEVIATION = 0.2
 # Before this time the errors fall because the recursion learns [s].
@@ -133,7 +137,8 @@ class ChangeTest:
     def __init__(self) -> None:
         self.changed_ns: int | None = None
         self.changes = self._begun_ns = 0
-        self.learnt_s = self._mean = self._variance = self._blocks = self._sum = 0.0
+        self.learnt_s = self._sum = self._power = 0.0
+        self._mean, self._variance, self._blocks = np.zeros((3, _CLASSES))
 
     def interrupt(self) -> None:
         """Reset the sum and forget when a change was: the next blocks are of another clock."""
@@ -145,43 +150,48 @@ class ChangeTest:
         """Whether the errors fall because the recursion learns."""
         return self.learnt_s <= _SETTLING_TIME
 
-    def weight(self, mean_square: float) -> float:
-        """Return the weight of a block: less than 1 where its errors are unusually large [N^2]."""
-        most = self._mean + _MOST * max(math.sqrt(self._variance), _LEAST_DEVIATION)
-        return 1.0 if self.settling else min(math.exp(most) / mean_square, 1.0)
+    def take(self, start_ns: int, lasted: float, error: float, force: float) -> tuple[float, bool]:
+        """Add a block in which pulses act; return its weight, and whether the muscle has changed.
 
-    def take(self, start_ns: int, seconds: float, mean_square: float) -> bool:
-        """Add a block in which pulses act; return whether the muscle has changed.
+        The weight is below 1 where the errors are unusually large.
 
         Parameters
         ----------
         start_ns : int
             When the block began [ns].
-        seconds : float
+        lasted : float
             How long it was [s].
-        mean_square : float
+        error : float
             Mean square of its a-priori errors, above zero [N^2].
+        force : float
+            Its mean force above the baseline [N]: errors of a model grow with the force.
         """
-        self.learnt_s += seconds
-        value = math.log(mean_square)
-        if not self.settling:
-            deviation = max(math.sqrt(self._variance), _LEAST_DEVIATION)
-            away = min(max((value - self._mean) / deviation, -_MOST), _MOST)
+        self._power += (force**2 - self._power) / _BLOCKS
+        ratio = (self._power + LEAST_ENERGY) / (force**2 + LEAST_ENERGY)
+        at = min(int(max(1.0 + 0.5 * math.log2(ratio), 0.0)), _CLASSES - 1)
+        weight, value = 1.0, math.log(error)
+        if self._blocks[at] >= _FEW:
+            deviation = math.sqrt(max(self._variance[at], _LEAST_DEVIATION**2))
+            away = (value - self._mean[at]) / deviation
+            weight = math.exp(min((_MOST - away) * deviation, 0.0))
             if self._sum == 0.0:
                 self._begun_ns = start_ns
-            self._sum = max(0.0, self._sum + away - _DRIFT)
-            if self._sum > _LIMIT:
-                self.changes += 1
-                self.changed_ns = self._begun_ns
-                self._sum = self.learnt_s = self._blocks = self._mean = 0.0
-                return True
-            if self._sum > 0.0:
-                return False
-        self._blocks = min(self._blocks + 1.0, _BLOCKS)
-        away = value - self._mean
-        self._mean += away / self._blocks
-        self._variance += (away * (value - self._mean) - self._variance) / self._blocks
-        return False
+            if not self.settling:
+                self._sum = max(0.0, self._sum + min(max(away, -_MOST), _MOST) - _DRIFT)
+        self.learnt_s += lasted
+        if self._sum > _LIMIT:
+            self.changes += 1
+            self.changed_ns = self._begun_ns
+            self._sum = self.learnt_s = 0.0
+            self._blocks[:] = self._mean[:] = 0.0
+            return weight, True
+        if self._sum == 0.0:
+            most = _FIRST_BLOCKS if self.settling else _BLOCKS
+            count = self._blocks[at] = min(self._blocks[at] + 1.0, most)
+            away = value - self._mean[at]
+            self._mean[at] += away / count
+            self._variance[at] += (away * (value - self._mean[at]) - self._variance[at]) / count
+        return weight, False
 
 
 # Lengths over which residuals are summed [ns].
@@ -254,7 +264,7 @@ _NEWEST = 0.25
 _FLOOR = 0.01
 # Intervals vary where the weights of more than this share of the pulses differ by this factor from
 # the weight of the one before; a lost pulse makes two.
-_VARYING, _APART = 0.1, 1.25
+_VARYING, _APART = 0.1, 1.1
 
 
 class FixedSizeRecursion:
@@ -314,11 +324,6 @@ class FixedSizeRecursion:
         """Longest time for which a pulse acts on the model's output [s]."""
         return self.settings.basis.duration
 
-    @property
-    def parameters(self) -> RecruitmentParameters:
-        """Present nonlinear parameters."""
-        return RecruitmentParameters(*(float(value) for value in self._fit.theta[:PARAMETERS]))
-
     def add_pulses(self, onset_ns: IntArray, intensity: FloatArray) -> None:
         """Add pulses (pulses,), ascending, none before one that was already added [ns, 1]."""
         self._plausibility.add_pulses(onset_ns, intensity)
@@ -370,8 +375,7 @@ class FixedSizeRecursion:
         )
         if fit.failures[0]:
             faults = {**faults, FACTORISATION_FAILED: int(fit.failures[0])}
-        found = *self._found(), PRIOR.deviation
-        estimate = self._builder.make(stamp_ns, *found, counters, faults)
+        estimate = self._builder.make(stamp_ns, *self._found(), PRIOR.deviation, counters, faults)
         estimate = replace(self._plausibility.examine(estimate), changes=self._test.changes)
         settling = self._test.changes > 0 and self._test.settling
         varied = self._varied > _VARYING * self._acted
@@ -422,10 +426,9 @@ class FixedSizeRecursion:
             self._acted, self._last_weight = self._acted + 1, weight
             self._begin_block(int(line.begin_ns[pulse]), float(line.intensity[pulse]), weight)
         line.drop(begun)
-        longest = LONGEST_BLOCK_NS
-        if not blocks.size[0] or stamp_ns - int(blocks.start_ns[newest(blocks)]) > longest:
+        if not blocks.size[0] or blocks.start_ns[newest(blocks)] < stamp_ns - LONGEST_BLOCK_NS:
             self._begin_block(stamp_ns, 0.0, 0.0)
-        end_ns = int(blocks.start_ns[newest(blocks)]) + longest
+        end_ns = int(blocks.start_ns[newest(blocks)]) + LONGEST_BLOCK_NS
         return min(end_ns, int(line.begin_ns[0])) if len(line.begin_ns) else end_ns
 
     def _begin_block(self, start_ns: int, intensity: float, weight: float) -> None:
@@ -450,9 +453,10 @@ class FixedSizeRecursion:
         seconds = (end_ns - start_ns) / NANOSECONDS_PER_SECOND
         acting = excited(memory, self._input_gain)
         floor = _FLOOR * float(fit.variance[0]) + LEAST_ENERGY
-        share = kept = 1.0
+        share, kept, changed = 1.0, 1.0, False
         if acting:
-            share = self._test.weight(mean_square + floor)
+            force = float(memory.blocks.moments[here, FORCE]) / samples - float(fit.levels[0])
+            share, changed = self._test.take(start_ns, seconds, mean_square + floor, force)
             for sums in (memory.blocks.gram, memory.blocks.response, memory.blocks.moments):
                 sums[here] *= share
             scale_memory(memory, math.exp(-seconds / _MEMORY_TIME))
@@ -466,7 +470,7 @@ class FixedSizeRecursion:
         self._spread.take(start_ns, covered, residual, share * samples, weight * rho, kept)
         let_baseline_drift(memory, _WALK**2 * seconds)
         add_block(memory, here)
-        if acting and self._test.take(start_ns, seconds, mean_square + floor):
+        if changed:
             after = _MEMORY_AFTER_CHANGE * samples / max(seconds, 1e-3)
             scale_memory(memory, min(after / float(memory.samples[0]), 1.0))
             self._spread.forget()
@@ -479,8 +483,7 @@ class FixedSizeRecursion:
         """Take a step from the memory; a failure is counted."""
         memory, fit = self._memory, self._fit
         if fit.variance[0] == 0.0:
-            power = float(memory.energy[0] / memory.samples[0])
-            fit.variance[0] = _FIRST_VARIANCE * power + LEAST_ENERGY
+            fit.variance[0] = _FIRST_VARIANCE * memory.energy[0] / memory.samples[0] + LEAST_ENERGY
         if not evaluate(memory, self._prior, fit):
             fit.failures[0] += 1.0
             return

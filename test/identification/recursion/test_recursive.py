@@ -280,7 +280,7 @@ def test_the_unit_of_force_changes_no_time_of_a_change(scale):
 
     def found(unit: float) -> list[int]:
         test = ChangeTest()
-        return [at for at, one in enumerate(square) if test.take(at, 0.05, unit**2 * one)]
+        return [at for at, one in enumerate(square) if test.take(at, 0.05, unit**2 * one, unit)[1]]
 
     assert found(1.0)[0] in range(205, 230)
     assert found(scale) == found(1.0)
@@ -293,6 +293,14 @@ def test_errors_after_a_change_have_a_deviation():
         square[200:] *= 30.0
         test = ChangeTest()
         for one in square:
-            assert 0.0 < test.weight(one) <= 1.0
-            test.take(0, 0.05, one)
+            assert 0.0 < test.take(0, 0.05, one, 1.0)[0] <= 1.0
         assert test.changes == 1
+
+
+def test_errors_that_grow_with_the_force_are_no_change():
+    """With a slow sinusoid those of the upper half follow each other for seconds."""
+    generator = np.random.default_rng(0)
+    force = 5.0 - 5.0 * np.cos(2.0 * np.pi * np.arange(2000) / 180.0)
+    square = (0.01 + (0.05 * force) ** 2) * generator.chisquare(10, 2000) / 10.0
+    test = ChangeTest()
+    assert not any(test.take(0, 0.05, *one)[1] for one in zip(square, force, strict=True))
