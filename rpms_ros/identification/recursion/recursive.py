@@ -246,8 +246,7 @@ class ResidualSpread:
 
     def forget(self) -> None:
         """Forget all earlier blocks."""
-        for sums in (self._total, self._weight, self._kept):
-            sums[:] = 0.0
+        self._total[:] = self._weight[:] = self._kept[:] = 0.0
 
     @property
     def sums(self) -> ResidualSums:
@@ -265,6 +264,9 @@ _FLOOR = 0.01
 # Intervals vary where the weights of more than this share of the pulses differ by this factor from
 # the weight of the one before; a lost pulse makes two.
 _VARYING, _APART = 0.1, 1.1
+# Where the weight of a pulse by its interval differs from that of the one before, Eq. (10) may be
+# wrong by all of it: blocks weigh less above this share of the weight, while the twitch lasts [s].
+_KNOWN, _TWITCH = 0.01, 0.1
 
 
 class FixedSizeRecursion:
@@ -316,8 +318,9 @@ class FixedSizeRecursion:
             self.name, basis, rate_hz, settings.confidence, False, interpolated_curve
         )
         self._plausibility = PlausibilityCheck()
-        # pulses that acted, and those of another weight than the one before
-        self._acted, self._varied, self._last_weight = 0, 0, 0.0
+        # pulses that acted, those of another weight than the one before, the last weight, and the
+        # share by which the weights of the pulses that act may be wrong
+        self._acted, self._varied, self._last_weight, self._unsure = 0, 0, 1.0, 0.0
 
     @property
     def memory(self) -> float:
@@ -400,12 +403,10 @@ class FixedSizeRecursion:
         ridge = weak_ridge(fit.energy[0], fit.samples[0], variance)
         known = np.concatenate((variance / before**2, np.full(len(data) - many, ridge)))
         covariance = variance * scaled_inverse(data + np.diag(known))[:joint, :joint]
-        inflation = max(1.0, float(sums.spread.max(initial=0.0)) / variance)
+        scale = np.full(joint, math.sqrt(max(1.0, float(sums.spread.max(initial=0.0)) / variance)))
         # the deviations of theta are inflated at most to those of the prior
-        deviation = np.sqrt(np.maximum(np.diag(covariance)[:many], 0.0))
-        most = np.maximum(before / np.maximum(deviation, 1e-300), 1.0)
-        scale = np.full(joint, np.sqrt(inflation))
-        scale[:many] = np.minimum(scale[:many], most)
+        deviation = np.sqrt(np.maximum(np.diag(covariance)[:many], 1e-300))
+        scale[:many] = np.minimum(scale[:many], np.maximum(before / deviation, 1.0))
         covariance *= np.outer(scale, scale)
         area = np.linalg.norm(fit.linear) * np.linalg.norm(self.settings.basis.area)
         by_basis = MISFIT * float(area) / math.sqrt(len(fit.linear))
@@ -422,9 +423,10 @@ class FixedSizeRecursion:
         for pulse in range(begun):
             weight = float(line.weight[pulse])
             least, most = sorted((weight, self._last_weight))
-            self._varied += most > _APART * least > 0.0
+            self._varied += self._acted > 0 and most > _APART * least
             self._acted, self._last_weight = self._acted + 1, weight
             self._begin_block(int(line.begin_ns[pulse]), float(line.intensity[pulse]), weight)
+            self._unsure = math.hypot(self._unsure, most / least - 1.0)
         line.drop(begun)
         if not blocks.size[0] or blocks.start_ns[newest(blocks)] < stamp_ns - LONGEST_BLOCK_NS:
             self._begin_block(stamp_ns, 0.0, 0.0)
@@ -457,9 +459,11 @@ class FixedSizeRecursion:
         if acting:
             force = float(memory.blocks.moments[here, FORCE]) / samples - float(fit.levels[0])
             share, changed = self._test.take(start_ns, seconds, mean_square + floor, force)
+            share *= min(1.0, (_KNOWN / max(self._unsure, _KNOWN)) ** 2)
             for sums in (memory.blocks.gram, memory.blocks.response, memory.blocks.moments):
                 sums[here] *= share
             scale_memory(memory, math.exp(-seconds / _MEMORY_TIME))
+            self._unsure *= math.exp(-seconds / _TWITCH)
             window = min(max(_NEWEST * self._test.learnt_s, 1.0), _MEMORY_TIME)
             kept = math.exp(-seconds / window)
         residual = residual_sum(memory.blocks, self._prediction.response, float(fit.levels[0]))
@@ -536,8 +540,7 @@ class FixedSizeRecursion:
 
     def _improved(self, fit: Fit, ending: Ending) -> Fit:
         """Return a fit after some steps; the other of it and the trial is scratch."""
-        problem = StepProblem(self._memory, self._prior)
-        if improve(problem, fit, self._trial, ending):
+        if improve(StepProblem(self._memory, self._prior), fit, self._trial, ending):
             fit, self._trial = self._trial, fit
         return fit
 
