@@ -195,7 +195,7 @@ class ChangeTest:
 
 
 # Lengths over which residuals are summed [ns].
-_LENGTH_NS = (100_000_000, 500_000_000, 2_000_000_000)
+_LENGTH_NS = np.array([100_000_000, 500_000_000, 2_000_000_000])
 # Least number of sums for a result.
 _LEAST_SUMS = 3.0
 
@@ -204,7 +204,7 @@ class ResidualSpread:
     """Running means of (sum of residuals)^2 / samples, for each length."""
 
     def __init__(self) -> None:
-        self._cell = [0] * len(_LENGTH_NS)
+        self._cell = np.zeros_like(_LENGTH_NS)
         self._sum, self._count, self._total, self._weight = np.zeros((4, len(_LENGTH_NS)))
         # samples, seconds and squared recruitment
         self._kept = np.zeros(3)
@@ -229,14 +229,12 @@ class ResidualSpread:
         kept : float
             Factor on the weights of earlier blocks.
         """
-        for place, length in enumerate(_LENGTH_NS):
-            cell = start_ns // length
-            if cell != self._cell[place]:
-                if self._count[place] > 0.0:
-                    self._total[place] += self._sum[place] ** 2 / self._count[place]
-                    self._weight[place] += 1.0
-                self._cell[place] = cell
-                self._sum[place] = self._count[place] = 0.0
+        cell = start_ns // _LENGTH_NS
+        ended = (cell != self._cell) & (self._count > 0.0)
+        self._total[ended] += self._sum[ended] ** 2 / self._count[ended]
+        self._weight[ended] += 1.0
+        self._sum[ended] = self._count[ended] = 0.0
+        self._cell = cell
         self._sum += error
         self._count += samples
         self._total *= kept
@@ -251,8 +249,7 @@ class ResidualSpread:
     @property
     def sums(self) -> ResidualSums:
         """The means, zero with too few sums, and what they were made from."""
-        known = self._weight >= _LEAST_SUMS
-        mean = np.where(known, self._total / np.maximum(self._weight, 1.0), 0.0)
+        mean = self._total / np.maximum(self._weight, 1.0) * (self._weight >= _LEAST_SUMS)
         return ResidualSums(mean, float(self._weight[0]), *self._kept.tolist())
 
 
@@ -261,6 +258,8 @@ class ResidualSpread:
 _NEWEST = 0.25
 # Errors below this share of the variance are not distinguished.
 _FLOOR = 0.01
+# Error of the model as a share of the force, all of it in the direction that is asked for.
+_SHARE = 1.6e-4
 # Intervals vary where the weights of more than this share of the pulses differ by this factor from
 # the weight of the one before; a lost pulse makes two.
 _VARYING, _APART = 0.1, 1.1
@@ -403,7 +402,10 @@ class FixedSizeRecursion:
         ridge = weak_ridge(fit.energy[0], fit.samples[0], variance)
         known = np.concatenate((variance / before**2, np.full(len(data) - many, ridge)))
         covariance = variance * scaled_inverse(data + np.diag(known))[:joint, :joint]
-        scale = np.full(joint, math.sqrt(max(1.0, float(sums.spread.max(initial=0.0)) / variance)))
+        inflation = max(1.0, float(sums.spread.max(initial=0.0)) / variance)
+        part = slice(many, joint)
+        inflation += _SHARE**2 * float(fit.linear @ data[part, part] @ fit.linear) / variance
+        scale = np.full(joint, math.sqrt(inflation))
         # the deviations of theta are inflated at most to those of the prior
         deviation = np.sqrt(np.maximum(np.diag(covariance)[:many], 1e-300))
         scale[:many] = np.minimum(scale[:many], np.maximum(before / deviation, 1.0))
@@ -411,7 +413,7 @@ class FixedSizeRecursion:
         area = np.linalg.norm(fit.linear) * np.linalg.norm(self.settings.basis.area)
         by_basis = MISFIT * float(area) / math.sqrt(len(fit.linear))
         muscle = muscle._replace(
-            condition=condition_number(data[many:joint, many:joint]),
+            condition=condition_number(data[part, part]),
             area_error=math.hypot(by_basis, sums.missing_area(variance)),
         )
         return muscle, Uncertainty(covariance, self.settings.confidence)
@@ -438,8 +440,8 @@ class FixedSizeRecursion:
         memory = self._memory
         if memory.blocks.size[0]:
             self._close_block(start_ns)
-        fit = self._fit
         begin_block(memory, start_ns, intensity, self._input_gain * weight, self._rate)
+        fit = self._fit
         recompute_response(memory.chains, fit.theta, fit.linear, self._prediction.response)
 
     def _close_block(self, end_ns: int) -> None:
@@ -453,10 +455,9 @@ class FixedSizeRecursion:
         if not samples:
             return
         seconds = (end_ns - start_ns) / NANOSECONDS_PER_SECOND
-        acting = excited(memory, self._input_gain)
         floor = _FLOOR * float(fit.variance[0]) + LEAST_ENERGY
         share, kept, changed = 1.0, 1.0, False
-        if acting:
+        if excited(memory, self._input_gain):
             force = float(memory.blocks.moments[here, FORCE]) / samples - float(fit.levels[0])
             share, changed = self._test.take(start_ns, seconds, mean_square + floor, force)
             share *= min(1.0, (_KNOWN / max(self._unsure, _KNOWN)) ** 2)
