@@ -259,7 +259,7 @@ _NEWEST = 0.25
 # Errors below this share of the variance are not distinguished.
 _FLOOR = 0.01
 # Error of the model as a share of the force, all of it in the direction that is asked for.
-_SHARE = 1.6e-4
+_SHARE = 2.5e-4
 # Intervals vary where the weights of more than this share of the pulses differ by this factor from
 # the weight of the one before; a lost pulse makes two.
 _VARYING, _APART = 0.1, 1.1
@@ -399,17 +399,13 @@ class FixedSizeRecursion:
             return muscle, None
         data = self._information
         variance, before = float(fit.variance[0]), self._prior.deviation
-        ridge = weak_ridge(fit.energy[0], fit.samples[0], variance)
-        known = np.concatenate((variance / before**2, np.full(len(data) - many, ridge)))
-        covariance = variance * scaled_inverse(data + np.diag(known))[:joint, :joint]
-        inflation = max(1.0, float(sums.spread.max(initial=0.0)) / variance)
+        # what correlates residuals, or is an error of the model, takes from what the data tell
         part = slice(many, joint)
-        inflation += _SHARE**2 * float(fit.linear @ data[part, part] @ fit.linear) / variance
-        scale = np.full(joint, math.sqrt(inflation))
-        # the deviations of theta are inflated at most to those of the prior
-        deviation = np.sqrt(np.maximum(np.diag(covariance)[:many], 1e-300))
-        scale[:many] = np.minimum(scale[:many], np.maximum(before / deviation, 1.0))
-        covariance *= np.outer(scale, scale)
+        noise = max(variance, float(sums.spread.max(initial=0.0)))
+        noise += _SHARE**2 * float(fit.linear @ data[part, part] @ fit.linear)
+        ridge = weak_ridge(fit.energy[0], fit.samples[0], variance)
+        known = np.concatenate((noise / before**2, np.full(len(data) - many, ridge)))
+        covariance = noise * scaled_inverse(data + np.diag(known))[:joint, :joint]
         area = np.linalg.norm(fit.linear) * np.linalg.norm(self.settings.basis.area)
         by_basis = MISFIT * float(area) / math.sqrt(len(fit.linear))
         muscle = muscle._replace(

@@ -58,12 +58,15 @@ def test_doublets_on_a_muscle_that_adds_its_pulses_are_doubted(league):
 
 
 @pytest.mark.parametrize(
-    ('muscle', 'excitation', 'most'),
-    [('boltzmann', 'random', 0.2), ('unsaturated', 'sinusoid', 0.4), ('pools', 'sinusoid', 1.0)],
+    ('muscle', 'excitation', 'seed', 'most'),
+    [
+        *(('boltzmann', 'random', 0, 0.2), ('gauss', 'random', 1, 0.4)),
+        *(('unsaturated', 'sinusoid', 0, 0.4), ('pools', 'sinusoid', 0, 1.0)),
+    ],
 )
-def test_recruitment_of_any_shape(league, muscle, excitation, most):
-    """Arctangents alone leave 0.5, 6 and 38 % of the maximum."""
-    arrays, truth = league.session(muscle, excitation, 0)
+def test_recruitment_of_any_shape(league, muscle, excitation, seed, most):
+    """Arctangents alone leave 0.5, 0.7, 6 and 38 % of the maximum."""
+    arrays, truth = league.session(muscle, excitation, seed)
     last = rpms_ros.from_arrays(*arrays).identify('recursive').estimates.last
     error = 100.0 * np.abs(last.curve_force - truth) / truth.max()
     assert error.max() < most
