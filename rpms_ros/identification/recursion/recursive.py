@@ -233,12 +233,11 @@ class ResidualSpread:
         kept : float
             Factor on the weights of earlier blocks.
         """
-        cell = start_ns // _LENGTH_NS
-        ended = (cell != self._cell) & (self._count > 0.0)
+        ended = (start_ns // _LENGTH_NS != self._cell) & (self._count > 0.0)
         self._total[ended] += self._sum[ended] ** 2 / self._count[ended]
         self._weight[ended] += 1.0
         self._sum[ended] = self._count[ended] = 0.0
-        self._cell = cell
+        self._cell = start_ns // _LENGTH_NS
         self._sum += error
         self._count += samples
         self._total *= kept
@@ -403,17 +402,25 @@ class FixedSizeRecursion:
             return muscle, None
         data = self._information
         variance, before = float(fit.variance[0]), self._prior.deviation
-        # what correlates residuals, or is an error of the model, takes from what the data tell
-        part = slice(many, joint)
-        noise = max(variance, float(sums.spread.max(initial=0.0)))
-        noise += _SHARE**2 * float(fit.linear @ data[part, part] @ fit.linear)
-        ridge = weak_ridge(fit.energy[0], fit.samples[0], variance)
-        known = np.concatenate((noise / before**2, np.full(len(data) - many, ridge)))
-        covariance = noise * scaled_inverse(data + np.diag(known))[:joint, :joint]
+        ridge = np.full(len(data) - many, weak_ridge(fit.energy[0], fit.samples[0], variance))
+
+        def by_noise(noise: float) -> FloatArray:
+            known = np.concatenate((noise / before**2, ridge))
+            return noise * scaled_inverse(data + np.diag(known))[:joint, :joint]
+
+        covariance = by_noise(variance)
+        # parameter by parameter: what correlates residuals, such as an effort, may also be in
+        # what the parameters have in common; those of theta at most to those of the prior
+        scale = np.full(joint, math.sqrt(max(1.0, float(sums.spread.max(initial=0.0)) / variance)))
+        deviation = np.sqrt(np.maximum(np.diag(covariance)[:many], 1e-300))
+        scale[:many] = np.minimum(scale[:many], np.maximum(before / deviation, 1.0))
+        covariance *= np.outer(scale, scale)
+        of_linear = data[many:joint, many:joint]
+        covariance += by_noise(variance + _SHARE**2 * float(fit.linear @ of_linear @ fit.linear))
         area = np.linalg.norm(fit.linear) * np.linalg.norm(self.settings.basis.area)
         by_basis = MISFIT * float(area) / math.sqrt(len(fit.linear))
         muscle = muscle._replace(
-            condition=condition_number(data[part, part]),
+            condition=condition_number(of_linear),
             area_error=math.hypot(by_basis, sums.missing_area(variance)),
         )
         return muscle, Uncertainty(covariance, self.settings.confidence)
