@@ -262,7 +262,7 @@ _NEWEST = 0.25
 # Errors below this share of the variance are not distinguished.
 _FLOOR = 0.01
 # Error of the model as a share of the force, all of it in the direction that is asked for.
-_SHARE = 2.5e-4
+_SHARE = 2e-4
 # Intervals vary where the weights of more than this share of the pulses differ by this factor from
 # the weight of the one before; a lost pulse makes two.
 _VARYING, _APART = 0.1, 1.1
