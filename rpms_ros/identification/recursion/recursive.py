@@ -447,8 +447,8 @@ class FixedSizeRecursion:
         memory = self._memory
         if memory.blocks.size[0]:
             self._close_block(start_ns)
-        begin_block(memory, start_ns, intensity, self._input_gain * weight, self._rate)
         fit = self._fit
+        begin_block(memory, start_ns, intensity, self._input_gain * weight, self._rate)
         recompute_response(memory.chains, fit.theta, fit.linear, self._prediction.response)
 
     def _close_block(self, end_ns: int) -> None:

@@ -60,8 +60,10 @@ def test_doublets_on_a_muscle_that_adds_its_pulses_are_doubted(league):
 @pytest.mark.parametrize(
     ('muscle', 'excitation', 'seed', 'most'),
     [
-        *(('boltzmann', 'random', 0, 0.2), ('gauss', 'random', 1, 0.4)),
-        *(('unsaturated', 'sinusoid', 0, 0.4), ('pools', 'sinusoid', 0, 1.0)),
+        ('boltzmann', 'random', 0, 0.2),
+        ('gauss', 'random', 1, 0.4),
+        ('unsaturated', 'sinusoid', 0, 0.4),
+        ('pools', 'sinusoid', 0, 1.0),
     ],
 )
 def test_recruitment_of_any_shape(league, muscle, excitation, seed, most):
