@@ -13,6 +13,8 @@ and seven parameters; the latency, which it cannot estimate, is 10 ms for it.
 import math
 
 import numpy as np
+from scipy.fft import irfft, next_fast_len, rfft
+from scipy.interpolate import BSpline
 from scipy.optimize import least_squares
 
 RATE = 20.0
@@ -71,6 +73,44 @@ def bound(p, time, onset, intensity, deviation):
         ends = (RATE * (p + way * step)[6] * recruited(U, p + way * step) for way in (1.0, -1.0))
         curve[:, place] = np.subtract(*ends) / 2e-5
     return np.sqrt(np.einsum('ij,jk,ik->i', curve, covariance, curve))
+
+
+def free_bound(p, time, onset, intensity, deviation, coefficients=24, functions=6):
+    """Return the same of one that is unbiased for any recruitment and any response.
+
+    Any: cubic splines of so many coefficients, without force at zero; sums of so many functions.
+    """
+    ends = np.repeat([0.0, 1.0], 3)
+    knots = np.sort(np.concatenate((ends, np.linspace(0.0, 1.0, coefficients - 2))))
+    given, seen = (
+        BSpline.design_matrix(np.clip(u, 0.0, 1.0 - 1e-9), knots, 3).toarray()[:, 1:]
+        for u in (intensity, U)
+    )
+    place, length = np.searchsorted(time, onset), next_fast_len(2 * len(time))
+    lag = np.maximum(time[time < 0.9 + time[0]] - time[0] - p[5], 0.0) / math.exp(p[4])
+    gammas = [
+        lag**order * np.exp(-lag) / math.factorial(order) / math.exp(p[4])
+        for order in range(1, functions + 1)
+    ]
+
+    def force(size, response):
+        drive = np.zeros(len(time))
+        np.add.at(drive, place, size)
+        return irfft(rfft(drive, length) * rfft(response, length), length)[: len(time)]
+
+    sizes = p[6] * recruited(intensity, p)
+    gradient = np.column_stack(
+        [force(one, gammas[1]) for one in given.T]
+        + [force(sizes, one) for one in gammas]
+        + [np.ones(len(time))]
+    )
+    scale = 1.0 / np.linalg.norm(gradient, axis=0)
+    # a factor of the recruitment is one of the response: the curve is their product
+    covariance = np.linalg.pinv((gradient * scale).T @ (gradient * scale), 1e-12)
+    covariance *= deviation**2 * np.outer(scale, scale)
+    whole = RATE * p[6] * recruited(U, p)
+    by = np.column_stack((RATE * seen, *[whole] * functions, 0.0 * U))
+    return np.sqrt(np.einsum('ij,jk,ik->i', by, covariance, by))
 
 
 def by_scipy(time, force, onset, intensity):
