@@ -4,6 +4,7 @@
 
 `python bench/league.py [--seeds 3] [--muscles boltzmann ...] [--estimators batch scipy ...]`
 `python bench/league.py --drawn 1000 [--first 0] [--estimators batch ...]`
+`python bench/league.py --steady 240 [--first 0] [--estimators recursive ...]`
 
 Random people with a recruitment of another shape, another summation, or something beside the
 stimulation, simulated here without code of the package: 60 s at 20 Hz with 0.5 % noise, random
@@ -19,6 +20,10 @@ too, and by how much the error exceeds them, all as root mean squares over curve
 With --drawn, each session has a muscle and up to two situations, an excitation, a rate, a duration
 and a noise of its own, all drawn; those that are silent are printed, and how many of the model's
 family with nothing beside the stimulation were doubted.
+
+With --steady, each session is of five minutes of a muscle that does not change, with pulses that
+are not heard, intervals that vary by 8 ms, glitches of the sensor, or all three; those in which a
+change is named are printed.
 """
 
 import argparse
@@ -293,6 +298,53 @@ def simulated(kinds, excitation, one, generator):
     return (grid, force, onset, intensity), scale * truth
 
 
+def steady(number, seconds=300.0):
+    """Return what disturbs a session, its excitation, person, arrays and true curve."""
+    generator = np.random.default_rng([number, 99])
+    rate = float(generator.choice([15.0, 20.0, 25.0]))
+    one = person(generator) | {'seconds': seconds, 'rate': rate}
+    what = ('unheard', 'irregular', 'glitches', 'all')[number % 4]
+    excitation = ('random', 'sinusoid', 'staircase')[number // 4 % 3]
+    intensity = intensities(excitation, one, generator)
+    grid, onset = np.arange(0.0, seconds, 1e-3), 1e-3 + np.arange(len(intensity)) / rate
+    if what in ('irregular', 'all'):
+        onset = np.sort(onset + 8e-3 * generator.uniform(-1.0, 1.0, len(onset)))
+        onset = np.maximum(onset, 1e-3)
+    force, truth = contraction(['arctan'], grid, onset, intensity, one, generator)
+    scale = 10.0 / truth.max()
+    force = scale * force + one['noise'] * 10.0 * generator.standard_normal(len(grid))
+    if what in ('glitches', 'all'):
+        for _ in range(round(seconds / 20.0)):
+            first, lasts = generator.integers(0, len(grid) - 60), generator.integers(1, 50)
+            size = generator.choice([-1.0, 1.0]) * generator.uniform(2.0, 30.0)
+            even = generator.uniform() < 0.5
+            force[first : first + lasts] += size * (1.0 if even else generator.uniform(size=lasts))
+    if what in ('unheard', 'all'):
+        heard = generator.uniform(size=len(onset)) > 0.01
+        onset, intensity = onset[heard], intensity[heard]
+    return what, excitation, one, (grid, force, onset, intensity), scale * truth
+
+
+def watch(chosen):
+    """Identify sessions of muscles that do not change; print those in which one is named."""
+    named = Counter()
+    for number in range(chosen.first, chosen.first + chosen.steady):
+        what, excitation, one, arrays, truth = steady(number)
+        for name in chosen.estimators:
+            found = rpms_ros.from_arrays(*arrays).identify(name, rate_hz=one['rate'])
+            last = found.estimates.last
+            error = 100.0 * np.abs(last.curve_force - truth).max() / truth.max()
+            named[name] += last.changes
+            if last.changes:
+                words = [found.verdict.grade, *last.doubts]
+                print(
+                    f'{number:4} {what}, {excitation}, {one["rate"]:.0f} Hz, {name}: '
+                    f'{last.changes} named, {last.change_ago} s ago; {error:.2f} %; {words}',
+                    flush=True,
+                )
+    print(f'{chosen.steady / 12.0:.1f} h, changes named: {dict(named)}')
+
+
 def least(bound, excitation, seed):
     """Return this bound (101,) of the curve of `arctan`, for a maximum of 1."""
     generator = np.random.default_rng([seed, zlib.crc32(b'arctan')])
@@ -358,11 +410,12 @@ def main():
     parser.add_argument('--muscles', nargs='+', choices=MUSCLES, default=MUSCLES)
     parser.add_argument('--estimators', nargs='+', default=['batch', 'tracking', 'recursive'])
     parser.add_argument('--drawn', type=int, default=0, help='how many sessions to draw')
-    parser.add_argument('--first', type=int, default=0, help='number of the first drawn session')
+    parser.add_argument('--steady', type=int, default=0, help='how many without a change')
+    parser.add_argument('--first', type=int, default=0, help='number of the first such session')
     parser.add_argument('--every', action='store_true', help='print all drawn sessions')
     chosen = parser.parse_args()
-    if chosen.drawn:
-        draw(chosen)
+    if chosen.drawn or chosen.steady:
+        (draw if chosen.drawn else watch)(chosen)
         return
     print('muscle       intensities  estimator   error, median / worst   half   coverage   time')
     silent = 0

@@ -13,13 +13,17 @@ are cut.
 **Changes.**  The logarithm of the mean square q of the a-priori errors of a block is compared with
 that of the last blocks of a like force: ``z = (log q - mean) / deviation``, limited to -3..3.  The
 sum ``c <- max(0, c + z - 1.5)`` (Page's cumulative sum) stays near zero while the muscle does not
-change.  A block adds at most 1.5, so at least 24 blocks, 1.2 s of pulses at 20 Hz, are needed to
-exceed 35: a knock or a pulse that was not heard is no change.  A block with z above 3 has a weight
-such that it would have had 3.
+change.  A block of 50 ms or more adds at most 1.5, a shorter one less, so 1.2 s of pulses are
+needed to exceed 35: a knock or a pulse that was not heard is no change.  Errors count that are
+larger than with more force, and than doubts about the weights of the pulses explain.  A block with
+z above 3 has a weight such that it would have had 3; between the pulses only if the two before it
+are not like it, as the baseline may move there.
 
 **Weights of pulses** are those of Eq. (10), which not every muscle has.  Where they differ from
 pulse to pulse, as that of the first one of a train does, blocks weigh less: 5 to 21 % of one pulse
 was enough to shift the baseline, and with it a curve without low intensities, by 2 to 3 %.
+After an interval of 1.5 to 4 times the one before, pulses may be missing in the record: then
+nothing is known of the weights.
 """
 
 import math
@@ -61,6 +65,7 @@ from rpms_ros.identification.quality.doubts import (
     CHANGED_LATELY,
     FACTORISATION_FAILED,
     INTERVALS_VARY,
+    RESIDUALS_ALIKE,
     PlausibilityCheck,
     doubted,
 )
@@ -116,7 +121,7 @@ _SHAPE_STEPS, _MOST_INFLATION = 20, 10.0
 # Most blocks of a class over which mean and deviation are taken: fewer while errors fall, or the
 # first ones hide pulses that were not heard.
 _BLOCKS, _FIRST_BLOCKS = 200.0, 30.0
-_MOST, _DRIFT, _LIMIT = 3.0, 1.5, 35.0
+_MOST, _DRIFT, _LIMIT, _BLOCK_S = 3.0, 1.5, 35.0, 0.05
 # Classes of blocks by their force, relative to its root mean square, and blocks to know one.
 _CLASSES, _FEW = 4, 10.0
 # Standard deviation of the logarithm of a mean of 50 squares of white noise.
@@ -134,6 +139,8 @@ class ChangeTest:
         Time in which pulses acted since the start or the last change [s].
     changes : int
         How many changes were found.
+    power : float
+        Mean square of the force in the last blocks [N^2].
     changed_ns : int or None
         When the newest change began [ns]; None before one, and after a jump of the clock.
     """
@@ -141,8 +148,10 @@ class ChangeTest:
     def __init__(self) -> None:
         self.changed_ns: int | None = None
         self.changes = self._begun_ns = 0
-        self.learnt_s = self._sum = self._power = 0.0
+        self.learnt_s = self._sum = self.power = 0.0
         self._mean, self._variance, self._blocks = np.zeros((3, _CLASSES))
+        # logarithms of the errors of the last blocks: a glitch is in one or two of them
+        self._newest = [0.0, 0.0, 0.0]
 
     def interrupt(self) -> None:
         """Reset the sum and forget when a change was: the next blocks are of another clock."""
@@ -154,10 +163,13 @@ class ChangeTest:
         """Whether the errors fall because the recursion learns."""
         return self.learnt_s <= _SETTLING_TIME
 
-    def take(self, start_ns: int, lasted: float, error: float, force: float) -> tuple[float, bool]:
-        """Add a block in which pulses act; return its weight, and whether the muscle has changed.
+    def take(
+        self, start_ns: int, lasted: float, error: float, force: float, doubt: float, acting: bool
+    ) -> tuple[float, bool]:
+        """Add a block; return its weight, and whether the muscle has changed.
 
-        The weight is below 1 where the errors are unusually large.
+        The weight is below 1 where the errors are unusually large, between the pulses for no
+        longer than a few blocks: there the baseline may have moved.
 
         Parameters
         ----------
@@ -169,19 +181,33 @@ class ChangeTest:
             Mean square of its a-priori errors, above zero [N^2].
         force : float
             Its mean force above the baseline [N]: errors of a model grow with the force.
+        doubt : float
+            Error that may be one of the weights of its pulses [N].
+        acting : bool
+            Whether pulses act in it.
         """
-        self._power += (force**2 - self._power) / _BLOCKS
-        ratio = (self._power + LEAST_ENERGY) / (force**2 + LEAST_ENERGY)
+        value = math.log(error)
+        self._newest = [*self._newest[1:], value]
+        self.power += (force**2 - self.power) / _BLOCKS * acting
+        ratio = (self.power + LEAST_ENERGY) / (force**2 + LEAST_ENERGY)
         at = min(int(max(1.0 + 0.5 * math.log2(ratio), 0.0)), _CLASSES - 1)
-        weight, value = 1.0, math.log(error)
-        if self._blocks[at] >= _FEW:
-            deviation = math.sqrt(max(self._variance[at], _LEAST_DEVIATION**2))
-            away = (value - self._mean[at]) / deviation
+        # of a class that is not known yet: the one that is known best
+        like = at if self._blocks[at] >= _FEW else int(np.argmax(self._blocks))
+        weight = 1.0
+        if self._blocks[like] >= _FEW:
+            deviation = math.sqrt(max(self._variance[like], _LEAST_DEVIATION**2))
+            # what is usual with more force moves the baseline
+            known = self._blocks[: like + 1] >= _FEW
+            usual = [*self._mean[: like + 1][known], math.log(doubt**2 + LEAST_ENERGY)]
+            away = (value - max(*usual, *([] if acting else [min(self._newest)]))) / deviation
             weight = math.exp(min((_MOST - away) * deviation, 0.0))
             if self._sum == 0.0:
                 self._begun_ns = start_ns
-            if not self.settling:
-                self._sum = max(0.0, self._sum + min(max(away, -_MOST), _MOST) - _DRIFT)
+            if acting and not self.settling:
+                added = min(max(away, -_MOST), _MOST) - _DRIFT
+                self._sum = max(0.0, self._sum + added * min(lasted / _BLOCK_S, 1.0))
+        if not acting:
+            return weight, False
         self.learnt_s += lasted
         if self._sum > _LIMIT:
             self.changes += 1
@@ -262,13 +288,19 @@ _NEWEST = 0.25
 # Errors below this share of the variance are not distinguished.
 _FLOOR = 0.01
 # Error of the model as a share of the force, all of it in the direction that is asked for.
-_SHARE = 2e-4
+_SHARE = 3e-4
+# Residuals are alike where sums over half a second are this share of the force, and by so much
+# above those of white noise: an effort, or a slip of the coil.
+_ALIKE, _SURELY = 2e-3, 16.0
 # Intervals vary where the weights of more than this share of the pulses differ by this factor from
 # the weight of the one before; a lost pulse makes two.
 _VARYING, _APART = 0.1, 1.1
 # Where the weight of a pulse by its interval differs from that of the one before, Eq. (10) may be
 # wrong by all of it: blocks weigh less above this share of the weight, while the twitch lasts [s].
-_KNOWN, _TWITCH = 0.01, 0.1
+# After an interval up to so many times the last one, pulses may be missing.
+_KNOWN, _TWITCH, _GAP = 0.01, 0.1, 4.0
+# The share of it that errors are taken to be: other pulses act, and by less.
+_EXPLAINED = 0.5
 
 
 class FixedSizeRecursion:
@@ -323,6 +355,7 @@ class FixedSizeRecursion:
         # pulses that acted, those of another weight than the one before, the last weight, and the
         # share by which the weights of the pulses that act may be wrong
         self._acted, self._varied, self._last_weight, self._unsure = 0, 0, 1.0, 0.0
+        self._last_ns = self._interval_ns = 0
 
     @property
     def memory(self) -> float:
@@ -356,9 +389,8 @@ class FixedSizeRecursion:
             end_ns = self._begin_blocks(int(stamp_ns[first]))
             last = int(np.searchsorted(stamp_ns, end_ns, side='right'))
             part, level = slice(first, last), float(self._fit.levels[0])
-            prediction[part] = take(
-                stamp_ns[part], force[part], usable[part], blocks, carried, level, self._rate
-            )
+            given = stamp_ns[part], force[part], usable[part]
+            prediction[part] = take(*given, blocks, carried, level, self._rate)
             first = last
         return prediction
 
@@ -371,20 +403,24 @@ class FixedSizeRecursion:
     def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
         """Return the present estimate."""
         fit, carried = self._fit, self._prediction
-        energy = float(carried.force_energy[0])
+        energy = max(float(carried.force_energy[0]), LEAST_ENERGY)
         counters = Counters(
             samples=int(carried.learnt[0]),
             pulses=self._plausibility.pulses,
             intensity_range=self._plausibility.intensity_range,
-            output_error=float(np.sqrt(carried.error_energy[0] / energy)) if energy > 0.0 else 0.0,
+            output_error=math.sqrt(carried.error_energy[0] / energy),
         )
         if fit.failures[0]:
             faults = {**faults, FACTORISATION_FAILED: int(fit.failures[0])}
         estimate = self._builder.make(stamp_ns, *self._found(), PRIOR.deviation, counters, faults)
         estimate = replace(self._plausibility.examine(estimate), changes=self._test.changes)
         settling = self._test.changes > 0 and self._test.settling
-        varied = self._varied > _VARYING * self._acted
-        estimate = doubted(estimate, {INTERVALS_VARY: varied, CHANGED_LATELY: settling})
+        varied, sums = self._varied > _VARYING * self._acted, self._spread.sums
+        # of the mean force in half a second
+        power = self._test.power * 0.5 * sums.samples / max(sums.seconds, 1e-3)
+        alike = sums.spread[1] > max(_ALIKE**2 * power, _SURELY * float(fit.variance[0]))
+        doubts = {INTERVALS_VARY: varied, CHANGED_LATELY: settling, RESIDUALS_ALIKE: bool(alike)}
+        estimate = doubted(estimate, doubts)
         if self._test.changed_ns is None:
             return estimate
         ago = np.array([(stamp_ns - self._test.changed_ns) / NANOSECONDS_PER_SECOND])
@@ -404,19 +440,17 @@ class FixedSizeRecursion:
         variance, before = float(fit.variance[0]), self._prior.deviation
         ridge = np.full(len(data) - many, weak_ridge(fit.energy[0], fit.samples[0], variance))
 
-        def by_noise(noise: float) -> FloatArray:
-            known = np.concatenate((noise / before**2, ridge))
-            return noise * scaled_inverse(data + np.diag(known))[:joint, :joint]
-
-        covariance = by_noise(variance)
+        of_linear = data[many:joint, many:joint]
+        of_model = _SHARE**2 * float(fit.linear @ of_linear @ fit.linear)
+        noise, spread = variance + of_model, float(sums.spread.max(initial=0.0)) + of_model
+        known = np.concatenate((noise / before**2, ridge))
+        covariance = noise * scaled_inverse(data + np.diag(known))[:joint, :joint]
         # parameter by parameter: what correlates residuals, such as an effort, may also be in
         # what the parameters have in common; those of theta at most to those of the prior
-        scale = np.full(joint, math.sqrt(max(1.0, float(sums.spread.max(initial=0.0)) / variance)))
+        scale = np.full(joint, math.sqrt(max(1.0, spread / noise)))
         deviation = np.sqrt(np.maximum(np.diag(covariance)[:many], 1e-300))
         scale[:many] = np.minimum(scale[:many], np.maximum(before / deviation, 1.0))
         covariance *= np.outer(scale, scale)
-        of_linear = data[many:joint, many:joint]
-        covariance += by_noise(variance + _SHARE**2 * float(fit.linear @ of_linear @ fit.linear))
         area = np.linalg.norm(fit.linear) * np.linalg.norm(self.settings.basis.area)
         by_basis = MISFIT * float(area) / math.sqrt(len(fit.linear))
         muscle = muscle._replace(
@@ -433,9 +467,13 @@ class FixedSizeRecursion:
             weight = float(line.weight[pulse])
             least, most = sorted((weight, self._last_weight))
             self._varied += self._acted > 0 and most > _APART * least
-            self._acted, self._last_weight = self._acted + 1, weight
-            self._begin_block(int(line.begin_ns[pulse]), float(line.intensity[pulse]), weight)
-            self._unsure = math.hypot(self._unsure, most / least - 1.0)
+            begin_ns, interval_ns = int(line.begin_ns[pulse]), self._interval_ns
+            self._interval_ns = begin_ns - self._last_ns
+            self._acted, self._last_weight, self._last_ns = self._acted + 1, weight, begin_ns
+            self._begin_block(begin_ns, float(line.intensity[pulse]), weight)
+            gap = 1.5 < self._interval_ns / max(interval_ns, 1) < _GAP
+            unheard = gap and self._varied <= _VARYING * self._acted
+            self._unsure = 1.0 if unheard else math.hypot(self._unsure, most / least - 1.0)
         line.drop(begun)
         if not blocks.size[0] or blocks.start_ns[newest(blocks)] < stamp_ns - LONGEST_BLOCK_NS:
             self._begin_block(stamp_ns, 0.0, 0.0)
@@ -457,29 +495,31 @@ class FixedSizeRecursion:
         here = newest(memory.blocks)
         samples = float(memory.blocks.moments[here, COUNT])
         start_ns = int(memory.blocks.start_ns[here])
-        mean_square = float(self._prediction.squares[0]) / max(samples, 1.0)
+        squares = float(self._prediction.squares[0])
         self._prediction.squares[0] = 0.0
         if not samples:
             return
         seconds = (end_ns - start_ns) / NANOSECONDS_PER_SECOND
-        floor = _FLOOR * float(fit.variance[0]) + LEAST_ENERGY
-        share, kept, changed = 1.0, 1.0, False
-        if excited(memory, self._input_gain):
-            force = float(memory.blocks.moments[here, FORCE]) / samples - float(fit.levels[0])
-            share, changed = self._test.take(start_ns, seconds, mean_square + floor, force)
-            share *= min(1.0, (_KNOWN / max(self._unsure, _KNOWN)) ** 2)
-            for sums in (memory.blocks.gram, memory.blocks.response, memory.blocks.moments):
-                sums[here] *= share
+        error = squares / samples + _FLOOR * float(fit.variance[0]) + LEAST_ENERGY
+        residual = residual_sum(memory.blocks, self._prediction.response, float(fit.levels[0]))
+        moments, kept = memory.blocks.moments[here], 1.0
+        # as the model has it: the measured one may be that of a knock
+        force = (float(moments[FORCE]) - residual) / samples - float(fit.levels[0])
+        doubt, acting = _EXPLAINED * force * self._unsure, excited(memory, self._input_gain)
+        share, changed = self._test.take(start_ns, seconds, error, force, doubt, acting)
+        share *= min(1.0, (_KNOWN / max(self._unsure, _KNOWN)) ** 2)
+        self._unsure *= math.exp(-seconds / _TWITCH)
+        if acting:
             scale_memory(memory, math.exp(-seconds / _MEMORY_TIME))
-            self._unsure *= math.exp(-seconds / _TWITCH)
             window = min(max(_NEWEST * self._test.learnt_s, 1.0), _MEMORY_TIME)
             kept = math.exp(-seconds / window)
-        residual = residual_sum(memory.blocks, self._prediction.response, float(fit.levels[0]))
+        for sums in (memory.blocks.gram, memory.blocks.response, memory.blocks.moments):
+            sums[here] *= share
         weight = float(memory.blocks.weight[here]) / self._input_gain
         rho = recruitment(float(memory.blocks.intensity[here]), fit.theta)
         # the block may have ended without samples: their mean time is half of what they cover
         covered = 2.0 * float(memory.blocks.moments[here, TIME]) / (share * samples)
-        self._spread.take(start_ns, covered, residual, share * samples, weight * rho, kept)
+        self._spread.take(start_ns, covered, share * residual, share * samples, weight * rho, kept)
         let_baseline_drift(memory, _WALK**2 * seconds)
         add_block(memory, here)
         if changed:
@@ -515,12 +555,10 @@ class FixedSizeRecursion:
         if not self.settings.deviation:
             return PRIOR
         deviation = np.sqrt(DEVIATION_VARIANCES[shape])
-        return PRIOR._replace(
-            mean=np.append(PRIOR.mean, 0.0 * deviation),
-            deviation=np.append(PRIOR.deviation, deviation),
-            lower=np.append(PRIOR.lower, deviation - np.inf),
-            upper=np.append(PRIOR.upper, deviation + np.inf),
-        )
+        more = (0.0 * deviation, deviation, deviation - np.inf, deviation + np.inf)
+        pairs = zip(PRIOR[:4], more, strict=True)
+        mean, spread, lower, upper = (np.append(one, other) for one, other in pairs)
+        return Prior(mean, spread, lower, upper, PRIOR.separation)
 
     def _choose_shape(self) -> bool:
         """Let the deviation follow the evidence, its size by one place; return whether it does."""

@@ -116,6 +116,24 @@ def test_the_weight_of_the_first_pulse_is_not_known(league, number):
     assert ((last.curve_lower <= truth) & (truth <= last.curve_upper)).all()
 
 
+@pytest.mark.parametrize('number', [47, 69, 78, 82, 115])
+def test_unheard_pulses_irregular_intervals_and_glitches_are_no_change(league, number):
+    """Errors of 40 to 51 % were left by two of these, which were taken for a change."""
+    *_, one, arrays, truth = league.steady(number, 30.0)
+    last = rpms_ros.from_arrays(*arrays).identify('recursive', rate_hz=one['rate']).estimates.last
+    assert last.changes == 0
+    assert np.abs(last.curve_force - truth).max() < 0.02 * truth.max()
+
+
+def test_an_effort_that_follows_the_intensity_is_doubted_by_name(league):
+    kinds, excitation, one, generator = league.drawn(152, league.MUSCLES)
+    assert (kinds, excitation) == (['boltzmann', 'effort'], 'staircase')
+    arrays, _ = league.simulated(kinds, excitation, one, generator)
+    found = rpms_ros.from_arrays(*arrays).identify('recursive', rate_hz=one['rate'])
+    assert found.verdict.grade != 'good'
+    assert 'residuals_alike' in found.estimates.last.doubts
+
+
 @pytest.mark.parametrize('estimator', ['recursive', 'batch'])
 def test_the_arctangents_alone_are_the_paper_s(league, estimator):
     arrays, truth = league.session('boltzmann', 'random', 0)
@@ -297,7 +315,11 @@ def test_the_unit_of_force_changes_no_time_of_a_change(scale):
 
     def found(unit: float) -> list[int]:
         test = ChangeTest()
-        return [at for at, one in enumerate(square) if test.take(at, 0.05, unit**2 * one, unit)[1]]
+        return [
+            at
+            for at, one in enumerate(square)
+            if test.take(at, 0.05, unit**2 * one, unit, 0.0, True)[1]
+        ]
 
     assert found(1.0)[0] in range(205, 230)
     assert found(scale) == found(1.0)
@@ -310,7 +332,7 @@ def test_errors_after_a_change_have_a_deviation():
         square[200:] *= 30.0
         test = ChangeTest()
         for one in square:
-            assert 0.0 < test.take(0, 0.05, one, 1.0)[0] <= 1.0
+            assert 0.0 < test.take(0, 0.05, one, 1.0, 0.0, True)[0] <= 1.0
         assert test.changes == 1
 
 
@@ -320,4 +342,19 @@ def test_errors_that_grow_with_the_force_are_no_change():
     force = 5.0 - 5.0 * np.cos(2.0 * np.pi * np.arange(2000) / 180.0)
     square = (0.01 + (0.05 * force) ** 2) * generator.chisquare(10, 2000) / 10.0
     test = ChangeTest()
-    assert not any(test.take(0, 0.05, *one)[1] for one in zip(square, force, strict=True))
+    assert not any(
+        test.take(0, 0.05, *one, 0.0, True)[1] for one in zip(square, force, strict=True)
+    )
+
+
+def test_a_glitch_between_the_pulses_weighs_little_and_a_lasting_shift_all():
+    test = ChangeTest()
+    for one in np.random.default_rng(0).chisquare(50, 200) / 50.0:
+        test.take(0, 0.05, one, 1.0, 0.0, True)
+    weights = [test.take(0, 0.5, one, 0.0, 0.0, False)[0] for one in (1.0, 100.0, 1.0, 1.0)]
+    assert weights[1] < 0.03
+    assert min(weights[0], *weights[2:]) == 1.0
+    weights = [test.take(0, 0.5, 100.0, 0.0, 0.0, False)[0] for _ in range(3)]
+    assert weights[0] < 0.03
+    assert weights[2] == 1.0
+    assert test.changes == 0
