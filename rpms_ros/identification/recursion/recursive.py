@@ -292,6 +292,9 @@ _SHARE = 3e-4
 # Residuals are alike where sums over half a second are this share of the force, and by so much
 # above those of white noise: an effort, or a slip of the coil.
 _ALIKE, _SURELY = 2e-3, 16.0
+# Without a lower intensity than this the constant part of the curve shows in the ripple alone, and
+# sums over a tenth of a second tell by this factor of what distorts that, such as a filter.
+_LOW, _ALSO = 0.1, 4.0
 # Intervals vary where the weights of more than this share of the pulses differ by this factor from
 # the weight of the one before; a lost pulse makes two.
 _VARYING, _APART = 0.1, 1.1
@@ -419,6 +422,7 @@ class FixedSizeRecursion:
         # of the mean force in half a second
         power = self._test.power * 0.5 * sums.samples / max(sums.seconds, 1e-3)
         alike = sums.spread[1] > max(_ALIKE**2 * power, _SURELY * float(fit.variance[0]))
+        alike |= counters.intensity_range[0] > _LOW and sums.spread[0] > _ALSO * fit.variance[0]
         doubts = {INTERVALS_VARY: varied, CHANGED_LATELY: settling, RESIDUALS_ALIKE: bool(alike)}
         estimate = doubted(estimate, doubts)
         if self._test.changed_ns is None:
