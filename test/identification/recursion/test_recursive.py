@@ -125,7 +125,7 @@ def test_unheard_pulses_irregular_intervals_and_glitches_are_no_change(league, n
     assert np.abs(last.curve_force - truth).max() < 0.02 * truth.max()
 
 
-@pytest.mark.parametrize('number, situation', [(152, 'effort'), (659, 'filter')])
+@pytest.mark.parametrize(('number', 'situation'), [(152, 'effort'), (659, 'filter')])
 def test_an_effort_and_a_filter_where_no_intensity_is_low_are_doubted_by_name(
     league, number, situation
 ):
