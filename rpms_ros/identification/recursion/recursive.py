@@ -22,8 +22,6 @@ are not like it, as the baseline may move there.
 **Weights of pulses** are those of Eq. (10), which not every muscle has.  Where they differ from
 pulse to pulse, as that of the first one of a train does, blocks weigh less: 5 to 21 % of one pulse
 was enough to shift the baseline, and with it a curve without low intensities, by 2 to 3 %.
-After an interval of 1.5 to 4 times the one before, pulses may be missing in the record: then
-nothing is known of the weights.
 """
 
 import math
@@ -300,8 +298,7 @@ _LOW, _ALSO = 0.1, 4.0
 _VARYING, _APART = 0.1, 1.1
 # Where the weight of a pulse by its interval differs from that of the one before, Eq. (10) may be
 # wrong by all of it: blocks weigh less above this share of the weight, while the twitch lasts [s].
-# After an interval up to so many times the last one, pulses may be missing.
-_KNOWN, _TWITCH, _GAP = 0.01, 0.1, 4.0
+_KNOWN, _TWITCH = 0.01, 0.1
 # The share of it that errors are taken to be: other pulses act, and by less.
 _EXPLAINED = 0.5
 
@@ -358,7 +355,6 @@ class FixedSizeRecursion:
         # pulses that acted, those of another weight than the one before, the last weight, and the
         # share by which the weights of the pulses that act may be wrong
         self._acted, self._varied, self._last_weight, self._unsure = 0, 0, 1.0, 0.0
-        self._last_ns = self._interval_ns = 0
 
     @property
     def memory(self) -> float:
@@ -471,13 +467,9 @@ class FixedSizeRecursion:
             weight = float(line.weight[pulse])
             least, most = sorted((weight, self._last_weight))
             self._varied += self._acted > 0 and most > _APART * least
-            begin_ns, interval_ns = int(line.begin_ns[pulse]), self._interval_ns
-            self._interval_ns = begin_ns - self._last_ns
-            self._acted, self._last_weight, self._last_ns = self._acted + 1, weight, begin_ns
-            self._begin_block(begin_ns, float(line.intensity[pulse]), weight)
-            gap = 1.5 < self._interval_ns / max(interval_ns, 1) < _GAP
-            unheard = gap and self._varied <= _VARYING * self._acted
-            self._unsure = 1.0 if unheard else math.hypot(self._unsure, most / least - 1.0)
+            self._acted, self._last_weight = self._acted + 1, weight
+            self._begin_block(int(line.begin_ns[pulse]), float(line.intensity[pulse]), weight)
+            self._unsure = math.hypot(self._unsure, most / least - 1.0)
         line.drop(begun)
         if not blocks.size[0] or blocks.start_ns[newest(blocks)] < stamp_ns - LONGEST_BLOCK_NS:
             self._begin_block(stamp_ns, 0.0, 0.0)
