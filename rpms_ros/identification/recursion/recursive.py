@@ -197,7 +197,8 @@ class ChangeTest:
             # what is usual with more force moves the baseline
             known = self._blocks[: like + 1] >= _FEW
             usual = [*self._mean[: like + 1][known], math.log(doubt**2 + LEAST_ENERGY)]
-            away = (value - max(*usual, *([] if acting else [min(self._newest)]))) / deviation
+            usual += [] if acting else [min(self._newest)]
+            away = (value - max(usual)) / deviation
             weight = math.exp(min((_MOST - away) * deviation, 0.0))
             if self._sum == 0.0:
                 self._begun_ns = start_ns
@@ -402,12 +403,12 @@ class FixedSizeRecursion:
     def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
         """Return the present estimate."""
         fit, carried = self._fit, self._prediction
-        energy = max(float(carried.force_energy[0]), LEAST_ENERGY)
+        energy = float(carried.force_energy[0])
         counters = Counters(
             samples=int(carried.learnt[0]),
             pulses=self._plausibility.pulses,
             intensity_range=self._plausibility.intensity_range,
-            output_error=math.sqrt(carried.error_energy[0] / energy),
+            output_error=float(np.sqrt(carried.error_energy[0] / energy)) if energy > 0.0 else 0.0,
         )
         if fit.failures[0]:
             faults = {**faults, FACTORISATION_FAILED: int(fit.failures[0])}
@@ -551,10 +552,12 @@ class FixedSizeRecursion:
         if not self.settings.deviation:
             return PRIOR
         deviation = np.sqrt(DEVIATION_VARIANCES[shape])
-        more = (0.0 * deviation, deviation, deviation - np.inf, deviation + np.inf)
-        pairs = zip(PRIOR[:4], more, strict=True)
-        mean, spread, lower, upper = (np.append(one, other) for one, other in pairs)
-        return Prior(mean, spread, lower, upper, PRIOR.separation)
+        return PRIOR._replace(
+            mean=np.append(PRIOR.mean, 0.0 * deviation),
+            deviation=np.append(PRIOR.deviation, deviation),
+            lower=np.append(PRIOR.lower, deviation - np.inf),
+            upper=np.append(PRIOR.upper, deviation + np.inf),
+        )
 
     def _choose_shape(self) -> bool:
         """Let the deviation follow the evidence, its size by one place; return whether it does."""
