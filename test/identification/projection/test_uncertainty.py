@@ -128,20 +128,6 @@ def test_the_first_rise_of_a_sinusoid_raises_no_doubt(league, muscle, seed):
     assert error < 0.002 * truth.max()
 
 
-@pytest.mark.parametrize(
-    ('excitation', 'seed'), [('random', 0), pytest.param('sinusoid', 1, marks=pytest.mark.long)]
-)
-def test_two_pools_of_units(league, excitation, seed):
-    """Steps of two widths of .025: twenty sines left .7 %, a basis chosen too early 1 %."""
-    arrays, truth = league.session('pools', excitation, seed)
-    found = rpms_ros.from_arrays(*arrays).identify('batch')
-    last = found.estimates.last
-    assert np.abs(last.curve_force - truth).max() < 0.003 * truth.max()
-    inside = (last.curve_lower <= truth) & (truth <= last.curve_upper)
-    assert inside[5:].mean() > 0.9
-    assert found.verdict.grade == 'good'
-
-
 @pytest.mark.long
 def test_pulses_that_do_not_add_up_as_in_the_model_are_doubted(league):
     """Units that sum by calcium: 99.99 % are explained, and the curve is wrong by its band."""
