@@ -89,7 +89,7 @@ class Snapshot(NamedTuple):
         When [ns].
     point : Point
         The muscle.
-    covariance : ndarray (38 + functions, 38 + functions)
+    covariance : ndarray (26 + functions, 26 + functions)
         Of theta and w.
     levels : ndarray (2,)
         The newest two knots of the disturbance [N].
@@ -172,7 +172,7 @@ def widened(covariance: FloatArray, linear: FloatArray, kind: str) -> FloatArray
 
     Parameters
     ----------
-    covariance : ndarray (38 + functions, 38 + functions)
+    covariance : ndarray (26 + functions, 26 + functions)
         Before.
     linear : ndarray (functions,)
         w before.

@@ -75,7 +75,7 @@ class Uncertainty(NamedTuple):
     Attributes
     ----------
     covariance : ndarray (recruitment + functions, recruitment + functions)
-        Of theta, with 4 or 38 elements, and w.
+        Of theta, with 4 or 26 elements, and w.
     confidence : float
         Level of the intervals.
     """
@@ -161,7 +161,7 @@ class Muscle(NamedTuple):
 
     Attributes
     ----------
-    theta, linear : ndarray (4,) or (38,), (functions,)
+    theta, linear : ndarray (4,) or (26,), (functions,)
         Recruitment, and w.
     levels : ndarray (levels,)
         Levels of the baseline [N].

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 r"""Normal equations of a parameter set from the blocks, in the order of time.
 
-The unknowns are ``[theta (38), w (n), b (m)]``: the recruitment's parameters (the two alpha as
+The unknowns are ``[theta (26), w (n), b (m)]``: the recruitment's parameters (the two alpha as
 logarithms), the coefficients of the Laguerre functions and the baseline's values at its knots.
 With X the lower triangular Toeplitz matrix of the states, a block adds ``X S X^T`` and ``X s_y``
 to the equations of the linear unknowns; with v_j the correlation of w with the states'

@@ -58,12 +58,12 @@ class Terms(NamedTuple):
 
     Attributes
     ----------
-    matrix, gradient : ndarray (38 + functions, 38 + functions), (38 + functions,)
+    matrix, gradient : ndarray (26 + functions, 26 + functions), (26 + functions,)
         Information about [theta, w] but for the deviation, and minus half the gradient of the
         cost.
     cost : float
         Cost.
-    deviation : ndarray (32,)
+    deviation : ndarray (20,)
         c.
     walk : ndarray (knots, knots)
         Information about a slow change of scale 1.
@@ -95,7 +95,7 @@ def add_prior(
     scales : ndarray (3,)
         Change of force and of time constant from knot to knot (relative), of u_thr and u_sat
         from interval to interval.
-    variance : ndarray (32,)
+    variance : ndarray (20,)
         Of the deviation c.
     matrix, right : ndarray (unknowns, unknowns), (unknowns,)
         Information and minus half the gradient, in place.
@@ -151,7 +151,7 @@ class WindowPrior:
 
     Attributes
     ----------
-    mean, deviation : ndarray (38,)
+    mean, deviation : ndarray (26,)
         Physiological prior of theta, alpha as logarithms; infinite deviations for c, whose prior
         has a size of its own.
     lower, upper : ndarray (4,)
@@ -160,7 +160,7 @@ class WindowPrior:
         u_sat is at least this far above u_thr.
     any_shape : bool
         Whether the recruitment may deviate from the arctangents.
-    information, reference : ndarray (38 + functions, 38 + functions), (38 + functions,)
+    information, reference : ndarray (26 + functions, 26 + functions), (26 + functions,)
         Result of samples before the window: inverse covariance and mean of [theta, w].
     """
 
@@ -236,7 +236,7 @@ class WindowPrior:
         return step
 
     def separate(self, theta: FloatArray) -> None:
-        """Keep u_sat of theta (38,) above u_thr, in place."""
+        """Keep u_sat of theta (26,) above u_thr, in place."""
         lacking = self.separation - (theta[1] - theta[0])
         if lacking > 0.0:
             theta[0] = max(theta[0] - 0.5 * lacking, self.lower[0])
@@ -375,7 +375,7 @@ class FittedMuscle:
     time_constant_s: float = documented('of the Laguerre functions [s]')
     latency_s: float = documented('from a pulse to the beginning of the functions [s]')
     theta: FloatArray = documented(
-        'u_thr, u_sat, alpha_sat, alpha_thr, deviation of the recruitment (32), exponents of r (2)'
+        'u_thr, u_sat, alpha_sat, alpha_thr, deviation of the recruitment (20), exponents of r (2)'
     )
     linear: FloatArray = documented('coefficients of the functions [N s^(1/2)]')
     covariance: FloatArray = documented('of theta and linear, alpha as logarithms')

@@ -131,7 +131,7 @@ class ProjectionSettings:
         check_start(self.start)
 
     def starts(self) -> list[FloatArray]:
-        """Return the starts, theta (38,) each, of a fit that tries several."""
+        """Return the starts, theta (26,) each, of a fit that tries several."""
         alpha_thr = self.start.alpha_thr
         found = []
         for start in (self.start[:3], *_CORNERS):

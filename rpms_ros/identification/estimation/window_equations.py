@@ -25,7 +25,7 @@ second differences and the intervals couple three neighbours only.
 time constant and disturbance may differ from one interval to the next, and each interval needs
 one small matrix: ``G = L^T L`` and ``r = L^T y`` with the columns
 
-.. math:: L = [\psi_1 .. \psi_{38},\; z_1 .. z_n,\; h_0,\; h_1]
+.. math:: L = [\psi_1 .. \psi_{26},\; z_1 .. z_n,\; h_0,\; h_1]
 
 where psi are the derivatives of the force by theta (alpha as logarithms), z the regressors of
 the coefficients w, and h the two hats of a piecewise linear baseline whose knots are the
@@ -159,9 +159,9 @@ class Intervals(NamedTuple):
     ----------
     first : ndarray of int64 (1,)
         Number of the first one: it begins at this many lengths.
-    gram : ndarray (intervals, 38 + functions + 2, 38 + functions + 2)
+    gram : ndarray (intervals, 26 + functions + 2, 26 + functions + 2)
         L^T L, symmetric.
-    right : ndarray (intervals, 38 + functions + 2)
+    right : ndarray (intervals, 26 + functions + 2)
         L^T y.
     energy, samples : ndarray (intervals,)
         Sum of y^2 [N^2], number of samples.
@@ -204,7 +204,7 @@ class Origin(NamedTuple):
     ----------
     stamp_ns : int
         Time of the change [ns]; before every pulse if there was none.
-    theta, linear : ndarray (38,), (functions,)
+    theta, linear : ndarray (26,), (functions,)
         The muscle before it.
     """
 
@@ -229,7 +229,7 @@ def condensed(
     problem : Problem
         Blocks; those before `first` only advance the state.
     point : Point
-        Point of linearisation; of it, theta (38,) and w (functions,) are used.
+        Point of linearisation; of it, theta (26,) and w (functions,) are used.
     first_ns, length_ns : int
         Beginning of the first block and length of an interval [ns].
     origin : Origin
@@ -295,7 +295,7 @@ class Point(NamedTuple):
 
     Attributes
     ----------
-    theta : ndarray (38,)
+    theta : ndarray (26,)
         u_thr, u_sat, alpha_sat, alpha_thr, deviation c and kappa now.
     linear : ndarray (functions,)
         w now.

@@ -459,7 +459,7 @@ class _Solution(NamedTuple):
         return self.here - gained, step
 
 
-# Prior variances of c (32,) by places in `SIZES` and `LENGTHS`.
+# Prior variances of c (20,) by places in `SIZES` and `LENGTHS`.
 DEVIATION_VARIANCES = {
     (size, length): deviation_variance(SIZES[size], LENGTHS[length])
     for size in range(len(SIZES))

@@ -4,7 +4,7 @@ r"""Recruitment and summation of any shape: the paper's, and what the samples as
 
 **Recruitment.**  With A the arctangents of Eq. (30), less their value at intensity 0,
 
-.. math:: \rho(u) = A(u) + A(1) \sum_{k=1}^{32} c_k \sin(k \pi u / 1.2) .
+.. math:: \rho(u) = A(u) + A(1) \sum_{k=1}^{20} c_k \sin(k \pi u / 1.2) .
 
 The sum is a Gaussian process with a Matern covariance of order 5/2 in the reduced-rank form of
 Solin and Sarkka (2020): the c_k are independent, their variances are the spectral density of the
@@ -31,7 +31,7 @@ from rpms_ros.pulses import FloatArray
 
 PARAMETERS = len(PARAMETER_NAMES)
 """Parameters of the arctangents: u_thr, u_sat, alpha_sat, alpha_thr."""
-DEVIATION = slice(PARAMETERS, PARAMETERS + 32)
+DEVIATION = slice(PARAMETERS, PARAMETERS + 20)
 """Where c stands in theta."""
 SUMMATION = slice(DEVIATION.stop, DEVIATION.stop + 2)
 """Where kappa stands: of longer and of shorter intervals."""
@@ -46,7 +46,7 @@ _LEAST_WEIGHT = 1e-6
 
 @numba.njit(cache=True)
 def recruitment(intensity: float, theta: FloatArray) -> float:
-    """Return rho at an intensity; `theta` has 4 elements, the arctangents, or 38."""
+    """Return rho at an intensity; `theta` has 4 elements, the arctangents, or 26."""
     offset = arctan_recruitment(0.0, theta)
     value: float = arctan_recruitment(intensity, theta) - offset
     if len(theta) > PARAMETERS:
@@ -87,7 +87,7 @@ def recruitment_with_gradient(intensity: float, theta: FloatArray, gradient: Flo
 
 @numba.njit(cache=True)
 def counted(intensity: float, weight: float, theta: FloatArray) -> float:
-    """Return the recruitment of a pulse times the weight by its interval; theta (38,)."""
+    """Return the recruitment of a pulse times the weight by its interval; theta (26,)."""
     logarithm = math.log(max(weight, _LEAST_WEIGHT))
     power = theta[_LONGER] if logarithm > 0.0 else theta[_SHORTER]
     return math.exp(power * logarithm) * recruitment(intensity, theta)
@@ -97,7 +97,7 @@ def counted(intensity: float, weight: float, theta: FloatArray) -> float:
 def counted_with_gradient(
     intensity: float, weight: float, theta: FloatArray, gradient: FloatArray
 ) -> float:
-    """Return `counted`; write its derivatives by theta (38,), alpha as logarithms."""
+    """Return `counted`; write its derivatives by theta (26,), alpha as logarithms."""
     logarithm = math.log(max(weight, _LEAST_WEIGHT))
     which = _LONGER if logarithm > 0.0 else _SHORTER
     factor = math.exp(theta[which] * logarithm)
@@ -118,7 +118,7 @@ def recruitment_curve(intensity: FloatArray, theta: FloatArray) -> tuple[FloatAr
 
 
 def deviation_variance(size: float, length: float) -> FloatArray:
-    """Return the prior variances of c (32,).
+    """Return the prior variances of c (20,).
 
     `size` is the standard deviation of the process, as a share of the recruitment at full
     intensity; `length` its length in units of the intensity.

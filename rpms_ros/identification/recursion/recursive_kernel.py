@@ -217,7 +217,7 @@ class Fit(NamedTuple):
 
     Attributes
     ----------
-    theta : ndarray (4,) or (36,)
+    theta : ndarray (4,) or (24,)
         u_thr, u_sat, alpha_sat, alpha_thr, and the deviation.
     linear : ndarray (functions,)
         w.

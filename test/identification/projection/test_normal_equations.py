@@ -42,7 +42,7 @@ def theta_of(seed):
     generator = np.random.default_rng(seed)
     theta = np.zeros(NONLINEAR)
     theta[:4] = 0.5, 0.9, 6.0, 5.0
-    theta[DEVIATION] = 0.1 * generator.standard_normal(DEVIATION.stop - DEVIATION.start)
+    theta[DEVIATION] = 0.1 * generator.standard_normal(20)
     theta[SUMMATION] = 0.8, 0.3
     return theta
 
@@ -53,7 +53,7 @@ def regressors(take, theta):
     def shape(intensity):
         return identified_recruitment(RecruitmentParameters(*theta[:4]), intensity)
 
-    angle = np.pi * np.outer(take.intensity, np.arange(1, 33)) / 1.2
+    angle = np.pi * np.outer(take.intensity, np.arange(1, 21)) / 1.2
     rho = shape(take.intensity) + shape(1.0) * (np.sin(angle) @ theta[DEVIATION])
     by_rate = RateRecruitment()
     rate = np.concatenate(([0.0], 1e9 / np.diff(take.onset_ns)))
