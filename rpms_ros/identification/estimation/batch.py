@@ -155,10 +155,15 @@ class BatchEstimator(ProjectionEstimator):
     def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
         """Fit all samples so far and return the estimate."""
         self._fit_all(scouting=True, final=True)
-        estimate, parts = super().estimate(stamp_ns, faults), self.unexplained
-        share = parts[parts[:, 1] > _SIGNIFICANT, 0].max(initial=0.0)
-        doubt = NO_CONSTANT_MUSCLE if share > _CHANGED else RESPONSE_MISFIT
-        return doubted(estimate, {doubt: share > _MISFIT})
+        estimate = super().estimate(stamp_ns, faults)
+        doubt = NO_CONSTANT_MUSCLE if self._misfit > _CHANGED else RESPONSE_MISFIT
+        return doubted(estimate, {doubt: self._misfit > _MISFIT})
+
+    @property
+    def _misfit(self) -> float:
+        """The largest share of the force that is significantly unexplained in a part."""
+        parts = self.unexplained
+        return float(parts[parts[:, 1] > _SIGNIFICANT, 0].max(initial=0.0))
 
     def _in_a_row(self, stamp_ns: IntArray) -> IntArray:
         """Return stamps [ns] that go on after a jump of the clock, far behind what was before."""
@@ -253,6 +258,8 @@ class BatchEstimator(ProjectionEstimator):
             return False
         first_ns = max(strong_ns - _CHOSEN_NS, self._raw.first_ns)
         everywhere = self._searches < 1 + (strong_ns - first_ns > _SEARCHED_AGAIN_NS)
+        # what does not fit may have been chosen before the recruitment was known
+        everywhere |= final and self._misfit > _MISFIT
         if not (everywhere or final):
             return False
         # a search everywhere is one anew: the basis of few samples has no right of its own

@@ -129,6 +129,14 @@ def test_the_first_rise_of_a_sinusoid_raises_no_doubt(league, muscle, seed):
 
 
 @pytest.mark.long
+def test_a_basis_chosen_before_the_recruitment_was_known_is_not_kept(league):
+    """Two pools of units: 1.2 % of the maximum with the functions that the first samples chose."""
+    (time, force, onset, intensity), truth = league.session('pools', 'sinusoid', 1)
+    found = rpms_ros.from_arrays(time, force, onset, intensity).identify('batch')
+    assert np.abs(found.estimates.last.curve_force - truth).max() < 0.005 * truth.max()
+
+
+@pytest.mark.long
 def test_pulses_that_do_not_add_up_as_in_the_model_are_doubted(league):
     """Units that sum by calcium: 99.99 % are explained, and the curve is wrong by its band."""
     (time, force, onset, intensity), truth = league.session('ding', 'sinusoid', 1)
