@@ -155,9 +155,9 @@ class BatchEstimator(ProjectionEstimator):
     def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
         """Fit all samples so far and return the estimate."""
         self._fit_all(scouting=True, final=True)
-        estimate = super().estimate(stamp_ns, faults)
-        doubt = NO_CONSTANT_MUSCLE if self._misfit > _CHANGED else RESPONSE_MISFIT
-        return doubted(estimate, {doubt: self._misfit > _MISFIT})
+        misfit = self._misfit
+        doubt = NO_CONSTANT_MUSCLE if misfit > _CHANGED else RESPONSE_MISFIT
+        return doubted(super().estimate(stamp_ns, faults), {doubt: misfit > _MISFIT})
 
     @property
     def _misfit(self) -> float:
