@@ -162,7 +162,14 @@ class ChangeTest:
         return self.learnt_s <= _SETTLING_TIME
 
     def take(
-        self, start_ns: int, lasted: float, error: float, force: float, doubt: float, acting: bool
+        self,
+        start_ns: int,
+        lasted: float,
+        error: float,
+        force: float,
+        doubt: float,
+        acting: bool,
+        counted: float = 1.0,
     ) -> tuple[float, bool]:
         """Add a block; return its weight, and whether the muscle has changed.
 
@@ -180,9 +187,11 @@ class ChangeTest:
         force : float
             Its mean force above the baseline [N]: errors of a model grow with the force.
         doubt : float
-            Error that may be one of the weights of its pulses [N].
+            Error that the weights of its pulses and the curve may have [N].
         acting : bool
             Whether pulses act in it.
+        counted : float
+            Share of it that counts, below 1 where a pulse may be missing.
         """
         value = math.log(error)
         self._newest = [*self._newest[1:], value]
@@ -204,7 +213,7 @@ class ChangeTest:
                 self._begun_ns = start_ns
             if acting and not self.settling:
                 added = min(max(away, -_MOST), _MOST) - _DRIFT
-                self._sum = max(0.0, self._sum + added * min(lasted / _BLOCK_S, 1.0))
+                self._sum = max(0.0, self._sum + counted * added * min(lasted / _BLOCK_S, 1.0))
         if not acting:
             return weight, False
         self.learnt_s += lasted
@@ -302,6 +311,14 @@ _VARYING, _APART = 0.1, 1.1
 _KNOWN, _TWITCH = 0.01, 0.1
 # The share of it that errors are taken to be: other pulses act, and by less.
 _EXPLAINED = 0.5
+# Where the memory has fewer pulses than this of intensities not further away than that, the curve
+# is not known: errors may be so large a share of the force.
+_SEEN, _NEAR, _UNSEEN_ERROR = 5.0, 0.05, 0.1
+# A pulse may be missing where an interval is so many times the mean of so many, and fewer than
+# this share of the latest are: for so long [ns] blocks weigh and count so little.
+_GAP, _INTERVALS, _RARE, _LATEST = 1.5, 10.0, 0.1, 50.0
+_AFTER_GAP_NS, _AFTER_GAP = 500_000_000, 0.01
+_FIRST_INTERVAL_NS = 50e6
 
 
 class FixedSizeRecursion:
@@ -356,6 +373,9 @@ class FixedSizeRecursion:
         # pulses that acted, those of another weight than the one before, the last weight, and the
         # share by which the weights of the pulses that act may be wrong
         self._acted, self._varied, self._last_weight, self._unsure = 0, 0, 1.0, 0.0
+        # the last pulse, the mean interval, and the pulse after the last gap [ns]; share of gaps
+        self._last_ns: int | None = None
+        self._interval_ns, self._gap_ns, self._gaps = _FIRST_INTERVAL_NS, 0, 0.0
 
     @property
     def memory(self) -> float:
@@ -371,7 +391,8 @@ class FixedSizeRecursion:
         """Drop the pulses that still act: the clock has jumped, their lag is unknown."""
         self._delay_line.forget()
         self._memory.blocks.size[0] = 0
-        self._stepped_ns = None
+        self._stepped_ns = self._last_ns = None
+        self._gap_ns = 0
         carried = self._prediction
         carried.error_energy[0] = carried.force_energy[0] = carried.squares[0] = 0.0
         self._test.interrupt()
@@ -469,13 +490,27 @@ class FixedSizeRecursion:
             least, most = sorted((weight, self._last_weight))
             self._varied += self._acted > 0 and most > _APART * least
             self._acted, self._last_weight = self._acted + 1, weight
-            self._begin_block(int(line.begin_ns[pulse]), float(line.intensity[pulse]), weight)
-            self._unsure = math.hypot(self._unsure, most / least - 1.0)
+            begin_ns, apart = int(line.begin_ns[pulse]), most / least - 1.0
+            # before the block ends: one that is missing has acted in it
+            self._note_interval(begin_ns)
+            self._begin_block(begin_ns, float(line.intensity[pulse]), weight)
+            self._unsure = math.hypot(self._unsure, apart)
         line.drop(begun)
         if not blocks.size[0] or blocks.start_ns[newest(blocks)] < stamp_ns - LONGEST_BLOCK_NS:
             self._begin_block(stamp_ns, 0.0, 0.0)
         end_ns = int(blocks.start_ns[newest(blocks)]) + LONGEST_BLOCK_NS
         return min(end_ns, int(line.begin_ns[0])) if len(line.begin_ns) else end_ns
+
+    def _note_interval(self, begin_ns: int) -> None:
+        """Note a pulse, and whether one before it may be missing."""
+        if self._last_ns is not None:
+            interval_ns, usual_ns = begin_ns - self._last_ns, self._interval_ns
+            gap = interval_ns > _GAP * usual_ns
+            self._gaps += (gap - self._gaps) / _LATEST
+            if gap and self._gaps < _RARE:
+                self._gap_ns = begin_ns
+            self._interval_ns += (min(interval_ns, 2.0 * usual_ns) - usual_ns) / _INTERVALS
+        self._last_ns = begin_ns
 
     def _begin_block(self, start_ns: int, intensity: float, weight: float) -> None:
         """End the present block and begin the next one."""
@@ -502,9 +537,13 @@ class FixedSizeRecursion:
         moments, kept = memory.blocks.moments[here], 1.0
         # as the model has it: the measured one may be that of a knock
         force = (float(moments[FORCE]) - residual) / samples - float(fit.levels[0])
-        doubt, acting = _EXPLAINED * force * self._unsure, excited(memory, self._input_gain)
-        share, changed = self._test.take(start_ns, seconds, error, force, doubt, acting)
-        share *= min(1.0, (_KNOWN / max(self._unsure, _KNOWN)) ** 2)
+        intensity, acting = float(memory.blocks.intensity[here]), excited(memory, self._input_gain)
+        gap = start_ns - self._gap_ns < _AFTER_GAP_NS
+        unseen = intensity > 0.0 and not gap and self._unseen(intensity, samples)
+        doubt = force * max(_EXPLAINED * self._unsure, _UNSEEN_ERROR * unseen)
+        counted = _AFTER_GAP if gap else 1.0
+        share, changed = self._test.take(start_ns, seconds, error, force, doubt, acting, counted)
+        share *= counted * min(1.0, (_KNOWN / max(self._unsure, _KNOWN)) ** 2)
         self._unsure *= math.exp(-seconds / _TWITCH)
         if acting:
             scale_memory(memory, math.exp(-seconds / _MEMORY_TIME))
@@ -513,7 +552,7 @@ class FixedSizeRecursion:
         for sums in (memory.blocks.gram, memory.blocks.response, memory.blocks.moments):
             sums[here] *= share
         weight = float(memory.blocks.weight[here]) / self._input_gain
-        rho = recruitment(float(memory.blocks.intensity[here]), fit.theta)
+        rho = recruitment(intensity, fit.theta)
         # the block may have ended without samples: their mean time is half of what they cover
         covered = 2.0 * float(memory.blocks.moments[here, TIME]) / (share * samples)
         self._spread.take(start_ns, covered, share * residual, share * samples, weight * rho, kept)
@@ -528,6 +567,13 @@ class FixedSizeRecursion:
             self._stepped_ns = end_ns
             self._learn()
 
+    def _unseen(self, intensity: float, samples: float) -> bool:
+        """Return whether hardly a pulse in the memory was like one with so many samples."""
+        energy = np.diag(self._memory.gram)[:-1].reshape(KNOTS, -1).sum(axis=1)
+        near = np.abs(np.arange(1.0, KNOTS + 1.0) / KNOTS - intensity) < _NEAR
+        seen = energy[near].sum() * self._memory.samples[0]
+        return bool(seen < _SEEN * energy.sum() * samples)
+
     def _learn(self) -> None:
         """Take a step from the memory; a failure is counted."""
         memory, fit = self._memory, self._fit
@@ -538,12 +584,14 @@ class FixedSizeRecursion:
             return
         refresh_variance(memory, self._prior, fit)
         self._steps += 1
-        # where the deviation has another prior, all else has to follow
         due = self.settings.deviation and self._steps % _SHAPE_STEPS == 0
-        ending = _FOLLOWING if due and self._choose_shape() else _ONE_STEP
+        if due and self._choose_shape():
+            # where the deviation has another prior, all else has to follow, before another start
+            # is compared with it
+            self._fit = self._improved(self._fit, _FOLLOWING)
         if self._steps % _CHALLENGE_STEPS == 0:
             self._challenge(self._starts[self._steps // _CHALLENGE_STEPS % len(self._starts)])
-        self._fit = self._improved(self._fit, ending)
+        self._fit = self._improved(self._fit, _ONE_STEP)
         # The covariance of weighted samples depends on the sum of the squared weights.
         self._information = self._fit.matrix * (memory.samples[0] / memory.squared_samples[0])
 
