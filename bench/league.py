@@ -248,11 +248,12 @@ def beside(kinds, grid, onset, intensity, generator):
     return force
 
 
-def session(muscle, excitation, seed):
+def session(muscle, excitation, seed, seconds=SECONDS):
     """Return pulses, force and the true curve."""
     generator = np.random.default_rng([seed, zlib.crc32(muscle.encode())])
     kinds = [muscle] if muscle in RECRUITMENTS else ['arctan', muscle]
-    return simulated(kinds, excitation, person(generator), generator)
+    one = person(generator) | {'seconds': seconds}
+    return simulated(kinds, excitation, one, generator)
 
 
 def drawn(seed, muscles):

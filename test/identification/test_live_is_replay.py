@@ -177,7 +177,7 @@ def slow_session(record) -> list[Arrival]:
 
 @pytest.mark.long
 @pytest.mark.parametrize('name', ['recursive', 'tracking'])
-@settings(max_examples=max(EXAMPLES // 4, 1))
+@settings(max_examples=max(EXAMPLES // 8, 1))
 @given(
     wrong=st.lists(
         st.tuples(

@@ -405,7 +405,7 @@ def test_a_fit_that_cannot_be_solved_knows_nothing_and_is_counted(living_session
 @pytest.mark.parametrize('excitation', ['random', 'sinusoid'])
 def test_an_effort_that_follows_the_intensity_is_doubted(league, excitation):
     """A slow sinusoid does not tell it from recruitment: 9 % beside a band of 2 %."""
-    (time, force, onset, intensity), truth = league.session('effort', excitation, 0)
+    (time, force, onset, intensity), truth = league.session('effort', excitation, 0, 30.0)
     found = rpms_ros.from_arrays(time, force, onset, intensity).identify('tracking')
     last = found.estimates.last
     assert np.abs(last.curve_force - truth).max() > 0.02 * truth.max()
@@ -416,7 +416,7 @@ def test_an_effort_that_follows_the_intensity_is_doubted(league, excitation):
 @pytest.mark.parametrize('excitation', ['random', 'sinusoid'])
 def test_a_muscle_that_is_not_held_is_doubted(league, excitation):
     """A joint that swings: 15 % of the active force, 5 % of a passive one."""
-    arrays, _ = league.session('length', excitation, 0)
+    arrays, _ = league.session('length', excitation, 0, 25.0)
     found = rpms_ros.from_arrays(*arrays).identify('tracking')
     assert NOT_ISOMETRIC in found.estimates.last.doubts
     assert found.verdict.grade != 'good'
@@ -456,7 +456,7 @@ def test_noise_behind_the_filter_of_a_sensor_is_no_effort(living_sessions, excit
 @pytest.mark.long
 def test_noise_that_moves_all_the_time_need_not_wander(league):
     """Hum and 1/f noise of 1 % each: 5.5 % wrong if second differences alone have a prior."""
-    arrays, truth = league.session('hum', 'sinusoid', 0)
+    arrays, truth = league.session('hum', 'sinusoid', 0, 30.0)
     last = rpms_ros.from_arrays(*arrays).identify('tracking').estimates.last
     # bench/league.py: 0.7 %
     assert np.abs(last.curve_force - truth).max() < 0.015 * truth.max()
@@ -466,7 +466,7 @@ def test_noise_that_moves_all_the_time_need_not_wander(league):
 @pytest.mark.long
 def test_heart_and_breath_are_doubted(league):
     """A heart of 2 % and a breath of 3 %: 1 to 3 % wrong beside a band of 1 %."""
-    arrays, _ = league.session('heart', 'random', 0)
+    arrays, _ = league.session('heart', 'random', 0, 30.0)
     found = rpms_ros.from_arrays(*arrays).identify('tracking')
     assert DISTURBANCE_LIVELY in found.estimates.last.doubts
     assert found.verdict.grade != 'good'
