@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
+from rpms_ros.identification.estimation.blocks import ring_order
 from rpms_ros.identification.estimation.estimate_builder import Uncertainty
 from rpms_ros.identification.estimation.prior import (
     ROUNDING,
@@ -134,7 +135,11 @@ _SURE_SWING, _LEAST_SWING_INTERVALS, _LEAST_RIPPLE = 5.0, 80, 8
 # many intervals with those after it, with gaps in between of less than so many, and all of them
 # this share of the window at most.
 _UNEXPLAINED = 2.5
-_LONGEST_EVENT, _AFTER, _GAP, _MOST_EVENTS = 8, 3, 3, 0.2
+_LONGEST_EVENT, _AFTER, _BETWEEN, _MOST_EVENTS = 8, 3, 3, 0.2
+# A pulse may be missing where two are so many times as far apart as usual, but not in a pause, and
+# fewer than this share are; it acts until so long after the next one [ns].  With these no more
+# than this share of the window is left out.
+_GAP, _PAUSE, _RARE, _LASTS_NS, _MOST_LEFT_OUT = 1.5, 4.0, 0.1, 400_000_000, 0.4
 NO_EVENTS: IntArray = np.zeros(0, dtype=np.int64)
 # A step that gains less than this is as good as exact [nat]; a longer one is tried so often, with
 # a damping that rises from trial to trial and falls from step to step.
@@ -732,7 +737,8 @@ def short_events(fit: WindowFit, at: Linearised) -> IntArray:
     """Return the numbers of intervals (events,) that are not to be learnt from.
 
     The joint gives way for a moment, a pulse was not heard, somebody knocks: the muscle and a
-    line for each interval explain what is before and after it.  After a step from `at`.
+    line for each interval explain what is before and after it.  After a step from `at`.  Where a
+    pulse may be missing they are left out whatever they show: the fit may follow it.
     """
     samples = at.every.samples
     known = np.flatnonzero(samples >= _LEAST_RIPPLE)
@@ -747,7 +753,7 @@ def short_events(fit: WindowFit, at: Linearised) -> IntArray:
     # as many intervals of the window's length
     longest, after, gap = (
         max(1, round(many * INTERVAL_NS / at.window.length_ns))
-        for many in (_LONGEST_EVENT, _AFTER, _GAP)
+        for many in (_LONGEST_EVENT, _AFTER, _BETWEEN)
     )
     runs = np.split(place, np.flatnonzero(np.diff(place) > gap) + 1)
     events = (
@@ -755,9 +761,27 @@ def short_events(fit: WindowFit, at: Linearised) -> IntArray:
         for run in runs
         if len(run) and run[-1] - run[0] < longest
     )
-    numbers = np.unique(np.concatenate((NO_EVENTS, *events)))
-    few = len(numbers) <= _MOST_EVENTS * len(known)
-    return numbers + int(at.every.first[0]) if few else NO_EVENTS
+    first = int(at.every.first[0])
+    numbers = first + np.unique(np.concatenate((NO_EVENTS, *events)))
+    numbers = numbers if len(numbers) <= _MOST_EVENTS * len(known) else NO_EVENTS
+    missing = _without_a_pulse(at.problem, at.window.length_ns)
+    both = np.union1d(numbers, missing[(missing >= first) & (missing < first + len(samples))])
+    return both if len(both) <= _MOST_LEFT_OUT * len(known) else numbers
+
+
+def _without_a_pulse(problem: Problem, length_ns: int) -> IntArray:
+    """Return the numbers of intervals (intervals,) in which a pulse may act that was not heard."""
+    blocks, order = problem.blocks, ring_order(problem.blocks)
+    onset = blocks.start_ns[order][blocks.intensity[order] > 0.0]
+    apart = np.diff(onset)
+    if not len(apart):
+        return NO_EVENTS
+    ratio = apart / np.median(apart)
+    gaps = np.flatnonzero((ratio > _GAP) & (ratio < _PAUSE))
+    if len(gaps) > _RARE * len(apart):
+        return NO_EVENTS
+    spans = zip(onset[gaps] // length_ns, (onset[gaps + 1] + _LASTS_NS) // length_ns, strict=True)
+    return np.concatenate((NO_EVENTS, *(np.arange(begin, end + 1) for begin, end in spans)))
 
 
 def gain_swing(fit: WindowFit, at: Linearised) -> float:

@@ -137,6 +137,17 @@ def test_a_basis_chosen_before_the_recruitment_was_known_is_not_kept(league):
 
 
 @pytest.mark.long
+@pytest.mark.parametrize('excitation', ['random', 'sinusoid'])
+@pytest.mark.parametrize('estimator', ['batch', 'tracking'])
+def test_pulses_that_were_not_heard_bend_no_curve(league, estimator, excitation):
+    """One in a hundred: up to 1.3 % with the curve outside its interval, if learnt from."""
+    arrays, truth = league.session('lost', excitation, 1, 40.0)
+    last = rpms_ros.from_arrays(*arrays).identify(estimator).estimates.last
+    assert np.abs(last.curve_force - truth).max() < 0.002 * truth.max()
+    assert ((last.curve_lower <= truth) & (truth <= last.curve_upper)).mean() > 0.9
+
+
+@pytest.mark.long
 def test_pulses_that_do_not_add_up_as_in_the_model_are_doubted(league):
     """Units that sum by calcium: 99.99 % are explained, and the curve is wrong by its band."""
     (time, force, onset, intensity), truth = league.session('ding', 'sinusoid', 1)
