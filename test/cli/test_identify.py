@@ -14,7 +14,7 @@ import pytest
 from scipy.integrate import trapezoid
 
 import rpms_ros
-from rpms_ros.cli import main
+from rpms_ros.cli import main, parser
 from rpms_ros.muscle import twitch
 from rpms_ros.pulses import ForceTrace, PulseTrain
 from rpms_ros.recording import read_recording, write_recording
@@ -191,6 +191,18 @@ def test_trains_of_one_intensity_give_their_dynamics(rpms, tmp_path):
         out.split()
     )
     assert 'T_a' not in out
+
+
+@pytest.mark.parametrize(
+    ('options', 'preset'),
+    [
+        ([], 'people'),
+        (['--recruitment', 'arctan'], 'arctan'),
+        (['--preset', 'paper_table_4'], 'paper_table_4'),
+    ],
+)
+def test_the_arctangents_alone_are_asked_for_by_recruitment_or_preset(options, preset):
+    assert parser().parse_args(['identify', 'x', *options]).preset == preset
 
 
 def test_a_session_starts_from_the_result_of_another(rpms, as_json, short_session, tmp_path):
