@@ -183,10 +183,9 @@ def test_the_curve_is_that_of_the_muscle(cut, name):
 
 
 @pytest.mark.long
-def test_a_recording_with_unheard_pulses_is_followed(league):
-    """Prediction errors of both estimators are largest where a pulse was not heard."""
+def test_a_recording_with_unheard_pulses_is_of_one_muscle(league):
+    """12 % if `batch` learnt from what they left: no constant muscle, so it was followed."""
     arrays, truth = league.session('lost', 'sinusoid', 0)
     found = rpms_ros.from_arrays(*arrays).identify()
-    assert found.estimator == 'tracking'
-    # 12 % with `batch`, which says that no constant muscle explains these data
-    assert np.abs(found.estimates.last.curve_force - truth).max() < 0.01 * truth.max()
+    assert found.estimator == 'batch'
+    assert np.abs(found.estimates.last.curve_force - truth).max() < 0.002 * truth.max()
