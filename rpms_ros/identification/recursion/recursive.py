@@ -317,7 +317,7 @@ _SEEN, _NEAR, _UNSEEN_ERROR = 5.0, 0.05, 0.1
 # A pulse may be missing where an interval is so many times the mean of so many, and fewer than
 # this share of the latest are: for so long [ns] blocks weigh and count so little.
 _GAP, _INTERVALS, _RARE, _LATEST = 1.5, 10.0, 0.1, 50.0
-_AFTER_GAP_NS, _AFTER_GAP = 500_000_000, 0.01
+_AFTER_GAP_NS, _AFTER_GAP, _NEVER_NS = 500_000_000, 0.01, -(2**62)
 _FIRST_INTERVAL_NS = 50e6
 
 
@@ -375,7 +375,7 @@ class FixedSizeRecursion:
         self._acted, self._varied, self._last_weight, self._unsure = 0, 0, 1.0, 0.0
         # the last pulse, the mean interval, and the pulse after the last gap [ns]; share of gaps
         self._last_ns: int | None = None
-        self._interval_ns, self._gap_ns, self._gaps = _FIRST_INTERVAL_NS, 0, 0.0
+        self._interval_ns, self._gap_ns, self._gaps = _FIRST_INTERVAL_NS, _NEVER_NS, 0.0
 
     @property
     def memory(self) -> float:
@@ -392,7 +392,7 @@ class FixedSizeRecursion:
         self._delay_line.forget()
         self._memory.blocks.size[0] = 0
         self._stepped_ns = self._last_ns = None
-        self._gap_ns = 0
+        self._gap_ns = _NEVER_NS
         carried = self._prediction
         carried.error_energy[0] = carried.force_energy[0] = carried.squares[0] = 0.0
         self._test.interrupt()

@@ -138,6 +138,19 @@ def test_another_start_is_compared_with_a_fit_that_follows_its_prior(league):
     assert np.abs(force[early] - found.estimates.prediction)[20_000:].max() < 0.5
 
 
+def test_the_origin_of_the_clock_changes_nothing(league):
+    """Stamps near zero were taken for those after a gap."""
+    (time, force, onset, intensity), _ = league.session('arctan', 'random', 0, 5.0)
+    stamp_ns, onset_ns = (np.round(1e9 * at).astype(np.int64) for at in (time, onset))
+    curves = []
+    for origin_ns in (0, 1_700_000_000_000_000_000):
+        estimator = FixedSizeRecursion()
+        estimator.add_pulses(onset_ns + origin_ns, intensity)
+        estimator.update(stamp_ns + origin_ns, force, np.ones(len(force), dtype=np.bool_))
+        curves.append(estimator.estimate(0, {}).curve_force)
+    assert curves[0].tobytes() == curves[1].tobytes()
+
+
 @pytest.mark.parametrize('number', [56, 188])
 def test_a_new_intensity_and_pulses_unheard_one_after_the_other_are_no_change(league, number):
     *_, one, (time, force, onset, intensity), _ = league.steady(number)
