@@ -154,9 +154,10 @@ def add_preset_option(parser: 'argparse._ActionsContainer') -> None:
         'paper_table_5 reproduce its tables and are not for people; leave it out otherwise'
     )
     add_option(parser, '--preset', 'people', text, choices=PRESETS)
-    kept: dict[str, Any] = {'dest': 'preset', 'default': argparse.SUPPRESS}
     text = 'the same as --preset arctan'
-    parser.add_argument('--recruitment', choices=('arctan',), help=text, **kept)
+    parser.add_argument(
+        '--recruitment', dest='preset', choices=('arctan',), default=argparse.SUPPRESS, help=text
+    )
 
 
 def options_of(kind: type[Options], arguments: argparse.Namespace) -> Options:

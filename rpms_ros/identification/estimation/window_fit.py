@@ -136,10 +136,12 @@ _SURE_SWING, _LEAST_SWING_INTERVALS, _LEAST_RIPPLE = 5.0, 80, 8
 # this share of the window at most.
 _UNEXPLAINED = 2.5
 _LONGEST_EVENT, _AFTER, _BETWEEN, _MOST_EVENTS = 8, 3, 3, 0.2
-# A pulse may be missing where two are so many times as far apart as usual, but not in a pause, and
-# fewer than this share are; it acts until so long after the next one [ns].  With these no more
-# than this share of the window is left out.
-_GAP, _PAUSE, _RARE, _LASTS_NS, _MOST_LEFT_OUT = 1.5, 4.0, 0.1, 400_000_000, 0.4
+# A pulse may be missing where two are so many times as far apart as usual, and fewer than this
+# share are.
+GAP, RARE = 1.5, 0.1
+# That is a pause; what is missing acts until so long after the next one [ns]; with it no more than
+# this share of the window is left out.
+_PAUSE, _LASTS_NS, _MOST_LEFT_OUT = 4.0, 400_000_000, 0.4
 NO_EVENTS: IntArray = np.zeros(0, dtype=np.int64)
 # A step that gains less than this is as good as exact [nat]; a longer one is tried so often, with
 # a damping that rises from trial to trial and falls from step to step.
@@ -777,8 +779,8 @@ def _without_a_pulse(problem: Problem, length_ns: int) -> IntArray:
     if not len(apart):
         return NO_EVENTS
     ratio = apart / np.median(apart)
-    gaps = np.flatnonzero((ratio > _GAP) & (ratio < _PAUSE))
-    if len(gaps) > _RARE * len(apart):
+    gaps = np.flatnonzero((ratio > GAP) & (ratio < _PAUSE))
+    if len(gaps) > RARE * len(apart):
         return NO_EVENTS
     spans = zip(onset[gaps] // length_ns, (onset[gaps + 1] + _LASTS_NS) // length_ns, strict=True)
     return np.concatenate((NO_EVENTS, *(np.arange(begin, end + 1) for begin, end in spans)))

@@ -50,7 +50,12 @@ from rpms_ros.identification.estimation.estimate_builder import (
 )
 from rpms_ros.identification.estimation.prior import scaled_inverse
 from rpms_ros.identification.estimation.settings import PRIOR, Prior, ProjectionSettings
-from rpms_ros.identification.estimation.window_fit import DEVIATION_VARIANCES, LEAST_ENERGY
+from rpms_ros.identification.estimation.window_fit import (
+    DEVIATION_VARIANCES,
+    GAP,
+    LEAST_ENERGY,
+    RARE,
+)
 from rpms_ros.identification.model.estimate import DEFAULT_RATE, Estimate
 from rpms_ros.identification.model.levenberg_marquardt import Ending
 from rpms_ros.identification.model.recruitment import (
@@ -314,9 +319,9 @@ _EXPLAINED = 0.5
 # Where the memory has fewer pulses than this of intensities not further away than that, the curve
 # is not known: errors may be so large a share of the force.
 _SEEN, _NEAR, _UNSEEN_ERROR = 5.0, 0.05, 0.1
-# A pulse may be missing where an interval is so many times the mean of so many, and fewer than
-# this share of the latest are: for so long [ns] blocks weigh and count so little.
-_GAP, _INTERVALS, _RARE, _LATEST = 1.5, 10.0, 0.1, 50.0
+# Usual is the mean of so many intervals, gaps are rare among so many; after one, for so long [ns],
+# blocks weigh and count so little.
+_INTERVALS, _LATEST = 10.0, 50.0
 _AFTER_GAP_NS, _AFTER_GAP, _NEVER_NS = 500_000_000, 0.01, -(2**62)
 _FIRST_INTERVAL_NS = 50e6
 
@@ -490,11 +495,11 @@ class FixedSizeRecursion:
             least, most = sorted((weight, self._last_weight))
             self._varied += self._acted > 0 and most > _APART * least
             self._acted, self._last_weight = self._acted + 1, weight
-            begin_ns, apart = int(line.begin_ns[pulse]), most / least - 1.0
+            begin_ns = int(line.begin_ns[pulse])
             # before the block ends: one that is missing has acted in it
             self._note_interval(begin_ns)
             self._begin_block(begin_ns, float(line.intensity[pulse]), weight)
-            self._unsure = math.hypot(self._unsure, apart)
+            self._unsure = math.hypot(self._unsure, most / least - 1.0)
         line.drop(begun)
         if not blocks.size[0] or blocks.start_ns[newest(blocks)] < stamp_ns - LONGEST_BLOCK_NS:
             self._begin_block(stamp_ns, 0.0, 0.0)
@@ -505,9 +510,9 @@ class FixedSizeRecursion:
         """Note a pulse, and whether one before it may be missing."""
         if self._last_ns is not None:
             interval_ns, usual_ns = begin_ns - self._last_ns, self._interval_ns
-            gap = interval_ns > _GAP * usual_ns
+            gap = interval_ns > GAP * usual_ns
             self._gaps += (gap - self._gaps) / _LATEST
-            if gap and self._gaps < _RARE:
+            if gap and self._gaps < RARE:
                 self._gap_ns = begin_ns
             self._interval_ns += (min(interval_ns, 2.0 * usual_ns) - usual_ns) / _INTERVALS
         self._last_ns = begin_ns
