@@ -774,7 +774,9 @@ def short_events(fit: WindowFit, at: Linearised) -> IntArray:
 def _without_a_pulse(problem: Problem, length_ns: int) -> IntArray:
     """Return the numbers of intervals (intervals,) in which a pulse may act that was not heard."""
     blocks, order = problem.blocks, ring_order(problem.blocks)
-    onset = blocks.start_ns[order][blocks.intensity[order] > 0.0]
+    # one of no intensity was heard, too; blocks of pauses have no weight
+    heard = (blocks.intensity[order] > 0.0) | (blocks.weight[order] > 0.0)
+    onset = blocks.start_ns[order][heard]
     apart = np.diff(onset)
     if not len(apart):
         return NO_EVENTS
