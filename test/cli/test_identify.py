@@ -226,9 +226,8 @@ def test_what_was_not_predicted_is_no_error_of_prediction(rpms, tmp_path):
     document = json.loads(out)
     assert code == 1
     assert document['output_error_n'] is None
-    assert document['verdict']['reasons'] == [
-        'too short: no sample was predicted before it was learnt'
-    ]
+    too_short = 'too short: no sample was predicted before it was learnt'
+    assert too_short in document['verdict']['reasons']
     _, out, _ = rpms('identify', tmp_path / 'short')
     told = 'unknown: no usable sample was predicted before it was learnt'
     assert told in ' '.join(out.split())

@@ -31,7 +31,7 @@ from rpms_ros.identification.estimation.window_fit import (
     gauss_newton_steps,
 )
 from rpms_ros.identification.model.basis import LaguerreBasis, conversion
-from rpms_ros.identification.model.recruitment import recruitment
+from rpms_ros.identification.model.recruitment import SUMMATION, recruitment
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray
 
 TIME_CONSTANTS = (8e-3, 16e-3, 32e-3, 64e-3)
@@ -201,7 +201,7 @@ class BasisChoice:
         for one, fit in found.items():
             if fit.likelihood > best - 2.0 * _EQUAL:
                 share.append(math.exp(fit.likelihood - best))
-                full = recruitment(1.0, fit.point.theta)
+                full = recruitment(1.0, fit.point.theta[: SUMMATION.start])
                 linear.append(full * conversion(one, basis) @ fit.point.linear)
         weight, values = np.array(share) / sum(share), np.array(linear)
         mean = weight @ values

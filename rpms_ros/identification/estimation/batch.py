@@ -26,13 +26,16 @@ import numpy as np
 
 from rpms_ros.identification.estimation.basis_choice import BasisChoice
 from rpms_ros.identification.estimation.blocks import COUNT, grown, ring_order
+from rpms_ros.identification.estimation.estimate_builder import nearest_arctangents
 from rpms_ros.identification.estimation.estimator import ProjectionEstimator
+from rpms_ros.identification.estimation.prior import WindowPrior
 from rpms_ros.identification.estimation.settings import Problem, ProjectionSettings
 from rpms_ros.identification.estimation.window_equations import Intervals, no_change
 from rpms_ros.identification.estimation.window_fit import (
     INTERVAL_NS,
     LIVELINESS,
     NO_EVENTS,
+    Linearised,
     Window,
     WindowFit,
     fresh_fit,
@@ -40,7 +43,7 @@ from rpms_ros.identification.estimation.window_fit import (
     short_events,
 )
 from rpms_ros.identification.model.estimate import DEFAULT_RATE, Estimate
-from rpms_ros.identification.model.recruitment import NONLINEAR
+from rpms_ros.identification.model.recruitment import MOST_SINES, PARAMETERS, SUMMATION
 from rpms_ros.identification.quality.doubts import NO_CONSTANT_MUSCLE, RESPONSE_MISFIT, doubted
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, nanoseconds
 
@@ -90,7 +93,7 @@ class BatchEstimator(ProjectionEstimator):
         function of this name.
     """
 
-    name = 'batch'
+    name, sines = 'batch', MOST_SINES
     on_line = False
 
     def __init__(
@@ -223,18 +226,32 @@ class BatchEstimator(ProjectionEstimator):
         if at is not None and scouting:
             fit.left_out = short_events(fit, at)
             if len(fit.left_out):
-                at = gauss_newton_steps(self._problem, fit, knowledge, window, _FINAL_STEPS) or at
+                at = self._fit_without_events(knowledge, window) or at
             self.unexplained = unexplained(at.intervals, window.length_ns, at.point.linear)
+
+    def _fit_without_events(self, knowledge: WindowPrior, window: Window) -> Linearised | None:
+        """Fit from the present muscle, whose deviation may be that of the events, and without one.
+
+        Returns where the last step of the likelier one began.
+        """
+        fit, functions = self._window, self._basis.functions
+        other = fresh_fit(self.settings.starts(self.sines)[0], functions)
+        other.point.theta[:PARAMETERS] = nearest_arctangents(fit.point.theta[: SUMMATION.start])[0]
+        other.left_out, other.failures = fit.left_out, fit.failures
+        tried = [
+            (gauss_newton_steps(self._problem, one, knowledge, window, _FINAL_STEPS), one)
+            for one in (fit, other)
+        ]
+        at, self._window = max(tried, key=lambda one: one[1].likelihood - one[1].penalty)
+        return at
 
     def _scout(self, fit: WindowFit) -> None:
         """Try every start on the newest blocks; go on from the best."""
         problem, knowledge = self._newest_blocks(), self._of_any_shape(self._prior)
         window, functions = self._span(problem), self._basis.functions
-        trials = [fresh_fit(theta, functions) for theta in self.settings.starts()]
+        trials = [fresh_fit(theta, functions) for theta in self.settings.starts(self.sines)]
         if fit.covariance.any():
-            trials.append(
-                replace(fit, levels=np.zeros(2), likelihood=-np.inf, variance=0.0, failures=0)
-            )
+            trials.append(replace(fit, levels=np.zeros(2), likelihood=-np.inf, failures=0))
         for one in trials:
             one.most_inflation = 1.0
             gauss_newton_steps(problem, one, knowledge, window, _SCOUTING_STEPS)
@@ -258,12 +275,12 @@ class BatchEstimator(ProjectionEstimator):
             return False
         first_ns = max(strong_ns - _CHOSEN_NS, self._raw.first_ns)
         everywhere = self._searches < 1 + (strong_ns - first_ns > _SEARCHED_AGAIN_NS)
-        # what does not fit may have been chosen before the recruitment was known
-        everywhere |= final and self._misfit > _MISFIT
+        # what does not fit may have been chosen before the recruitment was known: begin anew
+        misfit = final and self._misfit > _MISFIT
+        everywhere |= misfit
         if not (everywhere or final):
             return False
-        # a search everywhere is one anew: the basis of few samples has no right of its own
-        present = self.settings.basis if everywhere else self._basis
+        present = self.settings.basis if misfit else self._basis
         theta, nothing = self._window.point.theta, np.zeros(present.functions)
         problem, *_ = self._raw.condensed(present, theta, nothing, first_ns)
         samples = problem.blocks.moments[problem.first : int(problem.blocks.size[0]), COUNT].sum()
@@ -368,9 +385,9 @@ def _gain(
 
     A baseline of its own comes first: a sensor that drifts is no other muscle.
     """
-    joint = NONLINEAR + len(linear)
+    joint = len(gram) - 2
     muscle = np.zeros(joint + 2)
-    muscle[NONLINEAR:joint] = linear
+    muscle[joint - len(linear) : joint] = linear
     force = gram @ muscle
     power = float(muscle @ force)
     if not power > 0.0:

@@ -52,7 +52,7 @@ from rpms_ros.identification.estimation.window_fit import (
     most_explained,
     steps_at_fixed_scales,
 )
-from rpms_ros.identification.model.recruitment import NONLINEAR, coordinates
+from rpms_ros.identification.model.recruitment import coordinates
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray
 
 DECISION = 30.0
@@ -89,7 +89,7 @@ class Snapshot(NamedTuple):
         When [ns].
     point : Point
         The muscle.
-    covariance : ndarray (26 + functions, 26 + functions)
+    covariance : ndarray (nonlinear + functions, nonlinear + functions)
         Of theta and w.
     levels : ndarray (2,)
         The newest two knots of the disturbance [N].
@@ -112,7 +112,7 @@ class Snapshot(NamedTuple):
 
 def snapshot(fit: WindowFit, stamp_ns: int) -> Snapshot:
     """Return the snapshot of a fit at a time [ns]."""
-    joint = NONLINEAR + len(fit.point.linear)
+    joint = len(fit.point.theta) + len(fit.point.linear)
     return Snapshot(
         stamp_ns=stamp_ns,
         point=fit.point,
@@ -172,7 +172,7 @@ def widened(covariance: FloatArray, linear: FloatArray, kind: str) -> FloatArray
 
     Parameters
     ----------
-    covariance : ndarray (26 + functions, 26 + functions)
+    covariance : ndarray (nonlinear + functions, nonlinear + functions)
         Before.
     linear : ndarray (functions,)
         w before.
@@ -180,7 +180,7 @@ def widened(covariance: FloatArray, linear: FloatArray, kind: str) -> FloatArray
         What has changed.
     """
     covariance = covariance.copy()
-    response = covariance[NONLINEAR:, NONLINEAR:]
+    response = covariance[-len(linear) :, -len(linear) :]
     if kind in MUSCLE:
         response += _GAIN**2 * np.outer(linear, linear)
     if kind == THRESHOLDS:
@@ -218,7 +218,7 @@ def after(before: Snapshot, kind: str, knowledge: WindowPrior, window: Window) -
         (_RESTLESS + recovered + _GOES_ON * abs(change) * distance) * point.linear,
         (recovered + _GOES_ON * abs(slowing) * distance) * time_scale_derivative(point.linear),
     ):
-        covariance[NONLINEAR:, NONLINEAR:] += np.outer(moved, moved)
+        covariance[len(point.theta) :, len(point.theta) :] += np.outer(moved, moved)
     covariance = widened(covariance, point.linear, kind)
     scale = 1.0 / np.sqrt(np.diag(covariance))
     scaled = covariance * np.outer(scale, scale) + 1e-9 * np.eye(len(scale))
@@ -259,7 +259,7 @@ def explain(
     `known` is what is known after a change of this kind, see `after`.
     """
     functions = len(before.point.linear)
-    unknowns = NONLINEAR + functions + SLOPES
+    unknowns = len(before.point.theta) + functions + SLOPES
     point = steady(before.point.theta, before.point.linear)
     scales = replace(before.fit.scales, disturbance=disturbance, increment=0, slope=0)
     fit = replace(

@@ -58,7 +58,6 @@ from rpms_ros.identification.model.estimate import (
 )
 from rpms_ros.identification.model.levenberg_marquardt import Ending, minimiser
 from rpms_ros.identification.model.recruitment import (
-    DEVIATION,
     PARAMETERS,
     coordinates,
     from_coordinates,
@@ -75,7 +74,7 @@ class Uncertainty(NamedTuple):
     Attributes
     ----------
     covariance : ndarray (recruitment + functions, recruitment + functions)
-        Of theta, with 4 or 26 elements, and w.
+        Of the recruitment and w.
     confidence : float
         Level of the intervals.
     """
@@ -87,6 +86,11 @@ class Uncertainty(NamedTuple):
     def quantile(self) -> float:
         """Half width of an interval in standard deviations."""
         return float(ndtri(0.5 + 0.5 * self.confidence))
+
+    def without(self, part: slice) -> 'Uncertainty':
+        """Return that of the others, whatever these of the recruitment are."""
+        rest = np.delete(np.delete(self.covariance, part, axis=0), part, axis=1)
+        return Uncertainty(rest, self.confidence)
 
     def with_misfit(self, share: float, deviation: FloatArray) -> 'Uncertainty':
         """Return the uncertainty where the response is wrong by a share of its area.
@@ -161,7 +165,7 @@ class Muscle(NamedTuple):
 
     Attributes
     ----------
-    theta, linear : ndarray (4,) or (26,), (functions,)
+    theta, linear : ndarray (4,) or (4 + sines,), (functions,)
         Recruitment, and w.
     levels : ndarray (levels,)
         Levels of the baseline [N].
@@ -220,7 +224,7 @@ def nearest_arctangents(theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         By `theta`; alpha as logarithms on both sides.
     """
     here = coordinates(theta)
-    if not theta[DEVIATION].any():
+    if not theta[PARAMETERS:].any():
         return theta[:PARAMETERS].copy(), np.eye(PARAMETERS, len(theta))
     curve, slopes = recruitment_curve(_GRID, theta)
     found, gain, damping = here[:PARAMETERS].copy(), 1.0, 1e-3

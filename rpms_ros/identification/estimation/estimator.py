@@ -41,7 +41,7 @@ from rpms_ros.identification.model.estimate import (
     Estimate,
     recruiting_range,
 )
-from rpms_ros.identification.model.recruitment import NONLINEAR, PARAMETERS
+from rpms_ros.identification.model.recruitment import PARAMETERS, SINES, SUMMATION
 from rpms_ros.identification.quality.doubts import FACTORISATION_FAILED, FaultCounter
 from rpms_ros.muscle.recruitment import RecruitmentParameters
 from rpms_ros.pulses import BoolArray, FloatArray, IntArray
@@ -65,7 +65,7 @@ class ProjectionEstimator:
         If the rate is not above zero.
     """
 
-    name = 'projection'
+    name, sines = 'projection', SINES
     on_line = True
 
     def __init__(
@@ -82,11 +82,11 @@ class ProjectionEstimator:
             input_gain=basis.input_gain,
             baseline=Baseline(0, INTERVAL_NS),
         )
-        start = self.settings.starts()[0]
+        start = self.settings.starts(self.sines)[0]
         self._predictor = Predictor(start, np.zeros(functions), np.zeros(2))
         self._window = fresh_fit(start, functions)
         self._basis_spread = np.zeros((functions, functions))
-        self._prior = physiological_prior(self.settings)
+        self._prior = physiological_prior(self.settings, self.sines)
         self._intake = fresh_intake(functions)
         self._delay_line = PulseDelayLine(
             basis.latency, self.settings.by_rate, rate_hz, self.settings.history
@@ -105,7 +105,9 @@ class ProjectionEstimator:
     @property
     def parameters(self) -> RecruitmentParameters:
         """Arctangents that are nearest to the present recruitment."""
-        return RecruitmentParameters(*nearest_arctangents(self._predictor.theta)[0].tolist())
+        return RecruitmentParameters(
+            *nearest_arctangents(self._predictor.theta[: SUMMATION.start])[0].tolist()
+        )
 
     @property
     def linear(self) -> FloatArray:
@@ -139,9 +141,10 @@ class ProjectionEstimator:
     def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
         """Return the present estimate."""
         fit, predictor = self._window, self._predictor
-        own = slice(NONLINEAR, NONLINEAR + len(fit.point.linear))
+        nonlinear = len(fit.point.theta)
+        own = slice(nonlinear, nonlinear + len(fit.point.linear))
         found = Muscle(
-            predictor.theta,
+            predictor.theta[: SUMMATION.start],
             predictor.linear,
             predictor.levels,
             moved=float(np.abs(fit.moved[:PARAMETERS]).max()),
@@ -149,6 +152,7 @@ class ProjectionEstimator:
             area_error=self._residual_sums().missing_area(fit.variance),
         )
         sure = fit.uncertainty(self.settings.confidence, self._basis_spread)
+        sure = sure and sure.without(slice(nonlinear - 2, nonlinear))
         deviation, counters = self._prior.deviation[:PARAMETERS], self._counters()
         # faults of monitors of other packages are counted under any name
         counted = FaultCounter(dict.fromkeys(faults, ''))
@@ -159,16 +163,16 @@ class ProjectionEstimator:
 
     def fitted(self) -> FittedMuscle | None:
         """Return the muscle for a warm start, None where no recruitment is known."""
-        fit = self._window
+        fit, fine = self._window, slice(PARAMETERS + SINES, PARAMETERS + self.sines)
         sure = fit.uncertainty(self.settings.confidence, self._basis_spread)
         if sure is None:
             return None
         return FittedMuscle(
             time_constant_s=self._basis.time_constant,
             latency_s=self._basis.latency,
-            theta=fit.point.theta,
+            theta=np.delete(fit.point.theta, fine),
             linear=fit.point.linear,
-            covariance=sure.covariance,
+            covariance=sure.without(fine).covariance,
             variance=fit.variance,
         )
 

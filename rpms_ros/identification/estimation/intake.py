@@ -42,7 +42,7 @@ class Predictor(NamedTuple):
 
     Attributes
     ----------
-    theta, linear : ndarray (26,), (functions,)
+    theta, linear : ndarray (nonlinear,), (functions,)
         The muscle.
     levels : ndarray (2,)
         Baseline at its knots [N].
@@ -351,7 +351,7 @@ class RawSamples:
         ----------
         basis : LaguerreBasis
             Functions behind a latency.
-        theta, linear : ndarray (26,), (functions,)
+        theta, linear : ndarray (nonlinear,), (functions,)
             The muscle, for the states of the intake.
         first_ns : int
             Samples from here on are fitted [ns]; pulses before lead the state up to it.
@@ -400,7 +400,7 @@ class RawSamples:
         ----------
         basis : LaguerreBasis
             Functions behind a latency.
-        theta, linear : ndarray (26,), (functions,)
+        theta, linear : ndarray (nonlinear,), (functions,)
             The muscle.
         first_ns : int
             The first sample that counts [ns].

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 r"""Normal equations of a parameter set from the blocks, in the order of time.
 
-The unknowns are ``[theta (26), w (n), b (m)]``: the recruitment's parameters (the two alpha as
+The unknowns are ``[theta, w (n), b (m)]``: the recruitment's parameters (the two alpha as
 logarithms), the coefficients of the Laguerre functions and the baseline's values at its knots.
 With X the lower triangular Toeplitz matrix of the states, a block adds ``X S X^T`` and ``X s_y``
 to the equations of the linear unknowns; with v_j the correlation of w with the states'
@@ -23,7 +23,6 @@ from rpms_ros.identification.estimation.blocks import (
     TIME_SQUARED,
 )
 from rpms_ros.identification.estimation.settings import Baseline
-from rpms_ros.identification.model.recruitment import NONLINEAR
 from rpms_ros.pulses import FloatArray
 
 # A prediction continues the slope of the baseline up to this time beyond its knots [ns].
@@ -81,6 +80,7 @@ def add_state_terms(
 ) -> None:
     """Add X S X^T and X s_y (`force`); only the lower triangle of `matrix` is written."""
     count = len(state)
+    nonlinear = len(right) - count - 2
     product = np.empty((count, count))
     for row in range(count):
         for column in range(count):
@@ -93,12 +93,12 @@ def add_state_terms(
         total = 0.0
         for shift in range(row + 1):
             total += state[row - shift] * force[shift]
-        right[NONLINEAR + row] += total
+        right[nonlinear + row] += total
         for column in range(row + 1):
             total = 0.0
             for shift in range(column + 1):
                 total += product[row, shift] * state[column - shift]
-            matrix[NONLINEAR + row, NONLINEAR + column] += total
+            matrix[nonlinear + row, nonlinear + column] += total
 
 
 @numba.njit(cache=True)
@@ -113,10 +113,11 @@ def add_baseline_terms(
 ) -> None:
     """Add the baseline against itself, the regressors and the force."""
     count = len(state)
+    nonlinear = len(right) - count - 2
     position = position_of(start_ns, baseline)
     for offset in range(2):
         value, slope = hat(offset, position, baseline)
-        row = NONLINEAR + count + offset
+        row = nonlinear + count + offset
         right[row] += value * moments[FORCE] + slope * moments[FORCE_TIME]
         for function in range(count):
             total = 0.0
@@ -124,10 +125,10 @@ def add_baseline_terms(
                 total += state[function - shift] * (
                     value * response[shift, RESPONSE_ONE] + slope * response[shift, RESPONSE_TIME]
                 )
-            matrix[row, NONLINEAR + function] += total
+            matrix[row, nonlinear + function] += total
         for other in range(offset + 1):
             value_2, slope_2 = hat(other, position, baseline)
-            matrix[row, NONLINEAR + count + other] += (
+            matrix[row, nonlinear + count + other] += (
                 value * value_2 * moments[COUNT]
                 + (value * slope_2 + slope * value_2) * moments[TIME]
                 + slope * slope_2 * moments[TIME_SQUARED]
@@ -141,13 +142,14 @@ def advance_states(generator: FloatArray, states: FloatArray) -> None:
     Here and below the inner loops run over the nonlinear unknowns, which lie side by side: the
     processor does several at once.
     """
-    for function in range(len(states) - 1, -1, -1):
+    count, unknowns = states.shape
+    for function in range(count - 1, -1, -1):
         row = states[function]
-        for place in range(NONLINEAR):
+        for place in range(unknowns):
             row[place] *= generator[0]
         for shift in range(1, function + 1):
             other, factor = states[function - shift], generator[shift]
-            for place in range(NONLINEAR):
+            for place in range(unknowns):
                 row[place] += factor * other[place]
 
 
@@ -155,7 +157,7 @@ def advance_states(generator: FloatArray, states: FloatArray) -> None:
 def _add_lower_product(left: FloatArray, right: FloatArray, matrix: FloatArray) -> None:
     """Add the lower triangle of left^T right, both (functions, nonlinear)."""
     for row in range(len(left)):
-        for other in range(NONLINEAR):
+        for other in range(left.shape[1]):
             factor = left[row, other]
             for place in range(other + 1):
                 matrix[other, place] += factor * right[row, place]
@@ -177,7 +179,7 @@ def add_gradient_terms(  # noqa: C901 - calls for each row take longer than the 
 
     `slopes` (functions, nonlinear) are the derivatives of `state` (functions,) by theta.
     """
-    count, unknowns = len(slopes), NONLINEAR
+    count, unknowns = slopes.shape
     # v_j, and S v_j
     values, projected = np.zeros((count, unknowns)), np.zeros((count, unknowns))
     for shift in range(count):

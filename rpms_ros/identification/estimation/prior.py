@@ -32,7 +32,7 @@ from rpms_ros.identification.estimation.window_equations import (
 )
 from rpms_ros.identification.model.basis import LaguerreBasis, conversion
 from rpms_ros.identification.model.estimate import Estimator
-from rpms_ros.identification.model.recruitment import DEVIATION, NONLINEAR, PARAMETERS, coordinates
+from rpms_ros.identification.model.recruitment import PARAMETERS, SINES, SUMMATION, coordinates
 from rpms_ros.pulses import FloatArray
 from rpms_ros.schema import documented
 
@@ -58,12 +58,12 @@ class Terms(NamedTuple):
 
     Attributes
     ----------
-    matrix, gradient : ndarray (26 + functions, 26 + functions), (26 + functions,)
+    matrix, gradient : ndarray (unknowns, unknowns), (unknowns,)
         Information about [theta, w] but for the deviation, and minus half the gradient of the
         cost.
     cost : float
         Cost.
-    deviation : ndarray (20,)
+    deviation : ndarray (sines,)
         c.
     walk : ndarray (knots, knots)
         Information about a slow change of scale 1.
@@ -95,15 +95,15 @@ def add_prior(
     scales : ndarray (3,)
         Change of force and of time constant from knot to knot (relative), of u_thr and u_sat
         from interval to interval.
-    variance : ndarray (20,)
-        Of the deviation c.
+    variance : ndarray
+        Of the deviation c, at least as many as there are.
     matrix, right : ndarray (unknowns, unknowns), (unknowns,)
         Information and minus half the gradient, in place.
     """
     joint, knots = len(terms.gradient), terms.changes.shape[1]
     cost = terms.cost
     known = terms.matrix.copy()
-    for index in range(len(variance)):
+    for index in range(len(terms.deviation)):
         place = PARAMETERS + index
         known[place, place] += 1.0 / variance[index]
         right[place] -= terms.deviation[index] / variance[index]
@@ -151,7 +151,7 @@ class WindowPrior:
 
     Attributes
     ----------
-    mean, deviation : ndarray (26,)
+    mean, deviation : ndarray (nonlinear,)
         Physiological prior of theta, alpha as logarithms; infinite deviations for c, whose prior
         has a size of its own.
     lower, upper : ndarray (4,)
@@ -160,7 +160,7 @@ class WindowPrior:
         u_sat is at least this far above u_thr.
     any_shape : bool
         Whether the recruitment may deviate from the arctangents.
-    information, reference : ndarray (26 + functions, 26 + functions), (26 + functions,)
+    information, reference : ndarray (unknowns, unknowns), (unknowns,)
         Result of samples before the window: inverse covariance and mean of [theta, w].
     """
 
@@ -199,16 +199,18 @@ class WindowPrior:
         gradient = -pull
         cost = float(before @ pull)
         away = theta - self.mean
-        place = np.arange(NONLINEAR)
+        nonlinear = len(theta)
+        place = np.arange(nonlinear)
         matrix[place, place] += 1.0 / self.deviation**2
-        gradient[:NONLINEAR] -= away / self.deviation**2
+        gradient[:nonlinear] -= away / self.deviation**2
         cost += float(np.sum((away / self.deviation) ** 2))
-        place = np.arange(NONLINEAR, len(here))
+        place = np.arange(nonlinear, len(here))
         matrix[place, place] += ridge
-        gradient[NONLINEAR:] -= ridge * linear
+        gradient[nonlinear:] -= ridge * linear
         cost += ridge * float(linear @ linear)
         changes = np.stack((point.gain, point.slowing))
-        return Terms(matrix, gradient, cost, theta[DEVIATION], walk, changes, point.slope)
+        deviation = theta[PARAMETERS : SUMMATION.start]
+        return Terms(matrix, gradient, cost, deviation, walk, changes, point.slope)
 
     def bounded(self, point: Point, step: FloatArray, hessian: FloatArray) -> FloatArray:
         """Return the step (unknowns,) with theta within its bounds, the rest solved again."""
@@ -236,7 +238,7 @@ class WindowPrior:
         return step
 
     def separate(self, theta: FloatArray) -> None:
-        """Keep u_sat of theta (26,) above u_thr, in place."""
+        """Keep u_sat of theta above u_thr, in place."""
         lacking = self.separation - (theta[1] - theta[0])
         if lacking > 0.0:
             theta[0] = max(theta[0] - 0.5 * lacking, self.lower[0])
@@ -262,20 +264,21 @@ class WindowPrior:
         if not self.has_result:
             return self
         both = np.eye(len(self.reference))
-        both[NONLINEAR:, NONLINEAR:] = matrix
+        nonlinear = len(self.mean)
+        both[nonlinear:, nonlinear:] = matrix
         covariance = both @ scaled_inverse(self.information) @ both.T
-        place = np.arange(NONLINEAR, len(both))
+        place = np.arange(nonlinear, len(both))
         covariance[place, place] += (_LOST * size) ** 2
         return replace(
             self, information=scaled_inverse(covariance), reference=both @ self.reference
         )
 
 
-def physiological_prior(settings: ProjectionSettings) -> WindowPrior:
-    """Return the prior before any sample."""
-    shape = np.zeros(DEVIATION.stop - PARAMETERS)
+def physiological_prior(settings: ProjectionSettings, sines: int) -> WindowPrior:
+    """Return the prior before any sample, with so many elements of c."""
+    shape = np.zeros(sines)
     kappa, spread = settings.summation
-    joint = NONLINEAR + settings.basis.functions
+    joint = PARAMETERS + sines + 2 + settings.basis.functions
     return WindowPrior(
         mean=np.concatenate((PRIOR.mean, shape, np.full(2, kappa))),
         deviation=np.concatenate((PRIOR.deviation, shape + np.inf, np.full(2, spread))),
@@ -291,9 +294,9 @@ def physiological_prior(settings: ProjectionSettings) -> WindowPrior:
 def posterior_as_prior(knowledge: WindowPrior, fit: 'WindowFit') -> WindowPrior:
     """Return the result of a fit as prior for later samples, slightly widened."""
     point = fit.point
-    joint = NONLINEAR + len(point.linear)
+    joint = len(point.theta) + len(point.linear)
     covariance = fit.covariance[:joint, :joint].copy()
-    place = np.arange(NONLINEAR, joint)
+    place = np.arange(len(point.theta), joint)
     covariance[place, place] += (_LOST * float(np.linalg.norm(point.linear))) ** 2
     reference = np.concatenate((coordinates(point.theta), point.linear))
     return replace(knowledge, information=scaled_inverse(covariance), reference=reference)
@@ -335,6 +338,8 @@ def scaled_inverse(matrix: FloatArray) -> FloatArray:
 
 
 _LARGEST_RESULT = 64_000_000
+# Elements of theta that are kept for another session.
+_KEPT = PARAMETERS + SINES + 2
 
 
 @dataclass(frozen=True)
@@ -382,10 +387,10 @@ class FittedMuscle:
     variance: float = documented('of the residuals [N^2]')
 
     def __post_init__(self) -> None:
-        joint = NONLINEAR + len(self.linear)
-        if self.theta.shape != (NONLINEAR,) or self.covariance.shape != (joint, joint):
+        joint = _KEPT + len(self.linear)
+        if self.theta.shape != (_KEPT,) or self.covariance.shape != (joint, joint):
             raise IdentificationError(
-                f'expected {NONLINEAR} parameters and a covariance of {joint}, got '
+                f'expected {_KEPT} parameters and a covariance of {joint}, got '
                 f'{self.theta.shape} and {self.covariance.shape}'
             )
         values = np.concatenate((self.theta, self.linear, self.covariance.ravel()))
@@ -404,13 +409,13 @@ class FittedMuscle:
         """Return the same on another basis."""
         if basis == self.basis:
             return self
-        joint = np.eye(NONLINEAR + basis.functions, len(self.covariance))
-        joint[NONLINEAR:, NONLINEAR:] = conversion(self.basis, basis)
+        joint = np.eye(_KEPT + basis.functions, len(self.covariance))
+        joint[_KEPT:, _KEPT:] = conversion(self.basis, basis)
         return replace(
             self,
             time_constant_s=basis.time_constant,
             latency_s=basis.latency,
-            linear=joint[NONLINEAR:, NONLINEAR:] @ self.linear,
+            linear=joint[_KEPT:, _KEPT:] @ self.linear,
             covariance=joint @ self.covariance @ joint.T,
         )
 
@@ -421,12 +426,12 @@ class FittedMuscle:
             (
                 np.full(2, change.threshold**2),
                 np.full(2, change.slope**2),
-                np.zeros(NONLINEAR - PARAMETERS),
+                np.zeros(_KEPT - PARAMETERS),
                 np.full(len(self.linear), change.shape**2 * size / len(self.linear)),
             )
         )
         covariance: FloatArray = self.covariance + np.diag(spread)
-        response = covariance[NONLINEAR:, NONLINEAR:]
+        response = covariance[_KEPT:, _KEPT:]
         response += change.gain**2 * np.outer(self.linear, self.linear)
         stretch = time_scale_derivative(self.linear)
         response += change.slowing**2 * np.outer(stretch, stretch)

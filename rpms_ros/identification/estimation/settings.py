@@ -15,7 +15,7 @@ from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.estimation.blocks import BlockStatistics
 from rpms_ros.identification.model.basis import LaguerreBasis
 from rpms_ros.identification.model.history_law import TemporalSummation
-from rpms_ros.identification.model.recruitment import NONLINEAR, PARAMETERS, SUMMATION
+from rpms_ros.identification.model.recruitment import PARAMETERS, SUMMATION
 from rpms_ros.identification.model.settings import BOUNDS, SIMULATION_START, check_start
 from rpms_ros.muscle.recruitment import SMALLEST_SEPARATION, RateRecruitment, RecruitmentParameters
 from rpms_ros.pulses import FloatArray
@@ -130,12 +130,12 @@ class ProjectionSettings:
             raise IdentificationError(f'expected 0 < confidence < 1, got {self.confidence}')
         check_start(self.start)
 
-    def starts(self) -> list[FloatArray]:
-        """Return the starts, theta (26,) each, of a fit that tries several."""
+    def starts(self, sines: int) -> list[FloatArray]:
+        """Return the starts, theta (4 + sines + 2,) each, of a fit that tries several."""
         alpha_thr = self.start.alpha_thr
         found = []
         for start in (self.start[:3], *_CORNERS):
-            theta = np.zeros(NONLINEAR)
+            theta = np.zeros(PARAMETERS + sines + 2)
             theta[:PARAMETERS], theta[SUMMATION] = [*start, alpha_thr], self.summation[0]
             found.append(theta)
         return found

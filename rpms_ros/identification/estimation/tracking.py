@@ -68,8 +68,8 @@ from rpms_ros.identification.estimation.window_fit import (
 from rpms_ros.identification.model.basis import LaguerreBasis, conversion
 from rpms_ros.identification.model.estimate import DEFAULT_RATE, Estimate
 from rpms_ros.identification.model.recruitment import (
-    NONLINEAR,
     PARAMETERS,
+    SUMMATION,
     coordinates,
     from_coordinates,
     recruitment_curve,
@@ -121,7 +121,7 @@ def follows_intensity(problem: Problem, fit: WindowFit, full: float) -> bool:
     smooth, columns = np.full(_SMOOTHED, 1.0 / _SMOOTHED), [np.ones(count), np.arange(count)]
     earlier = np.zeros(_SMOOTHED * _LAGS)
     given = blocks.intensity[order]
-    for drive in (given, recruitment_curve(given, fit.point.theta)[0]):
+    for drive in (given, recruitment_curve(given, fit.point.theta[: SUMMATION.start])[0]):
         course = np.convolve(np.concatenate((earlier, np.bincount(place, drive, count))), smooth)
         columns += [
             course[len(earlier) - lag :][:count] for lag in range(0, len(earlier), _SMOOTHED)
@@ -139,7 +139,7 @@ def _rates(fit: WindowFit, area: FloatArray) -> tuple[tuple[str, ...], FloatArra
     if not knots:
         return (), np.empty(0), np.empty(0)
     a_minute = _MINUTE * NANOSECONDS_PER_SECOND / INTERVAL_NS
-    base = NONLINEAR + len(fit.point.linear)
+    base = len(fit.point.theta) + len(fit.point.linear)
     # a slower twitch of the same height has a larger area, and so a larger steady force
     steady = float(area @ fit.point.linear)
     by_slowing = float(area @ time_scale_derivative(fit.point.linear)) / steady if steady else 0.0
@@ -527,7 +527,7 @@ class TrackingEstimator(ProjectionEstimator):
 
     def _try_other_start(self, knowledge: WindowPrior, window: Window) -> None:
         """While the window is young try the next start; go on from there if it is better."""
-        problem, fit, starts = self._problem, self._window, self.settings.starts()
+        problem, fit, starts = self._problem, self._window, self.settings.starts(self.sines)
         length_ns = window.now_ns - window.first_ns
         lively = fit.scales.lively >= LIVELY
         if (length_ns > _CHALLENGED_NS or not fit.shows_response) and not lively:

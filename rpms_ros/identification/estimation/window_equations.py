@@ -25,7 +25,7 @@ second differences and the intervals couple three neighbours only.
 time constant and disturbance may differ from one interval to the next, and each interval needs
 one small matrix: ``G = L^T L`` and ``r = L^T y`` with the columns
 
-.. math:: L = [\psi_1 .. \psi_{26},\; z_1 .. z_n,\; h_0,\; h_1]
+.. math:: L = [\psi_1 .. \psi_m,\; z_1 .. z_n,\; h_0,\; h_1]
 
 where psi are the derivatives of the force by theta (alpha as logarithms), z the regressors of
 the coefficients w, and h the two hats of a piecewise linear baseline whose knots are the
@@ -54,7 +54,7 @@ from rpms_ros.identification.estimation.normal_equations import (
     correlate,
 )
 from rpms_ros.identification.estimation.settings import Baseline, Problem
-from rpms_ros.identification.model.recruitment import NONLINEAR, counted, counted_with_gradient
+from rpms_ros.identification.model.recruitment import PARAMETERS, counted, counted_with_gradient
 from rpms_ros.pulses import FloatArray, IntArray
 
 # Of the exponential series: the time constant changes by less than a factor of 2.
@@ -133,22 +133,23 @@ def time_scaled_columns(
     """
     functions = powers.shape[1]
     matrix = _time_scaling(slowing, powers)
-    part = slice(NONLINEAR, NONLINEAR + functions)
+    first = len(right) - functions - 2
+    part = slice(first, first + functions)
     # columns first, rows after
     half, changed = gram.copy(), right.copy()
     for row in range(len(right)):
         for column in range(functions):
             total = 0.0
             for inner in range(functions):
-                total += gram[row, NONLINEAR + inner] * matrix[inner, column]
-            half[row, NONLINEAR + column] = total
+                total += gram[row, first + inner] * matrix[inner, column]
+            half[row, first + column] = total
     both = half.copy()
     both[part] = 0.0
     changed[part] = 0.0
     for inner in range(functions):
         for column in range(functions):
-            changed[NONLINEAR + column] += matrix[inner, column] * right[NONLINEAR + inner]
-            both[NONLINEAR + column] += matrix[inner, column] * half[NONLINEAR + inner]
+            changed[first + column] += matrix[inner, column] * right[first + inner]
+            both[first + column] += matrix[inner, column] * half[first + inner]
     return both, changed
 
 
@@ -159,9 +160,9 @@ class Intervals(NamedTuple):
     ----------
     first : ndarray of int64 (1,)
         Number of the first one: it begins at this many lengths.
-    gram : ndarray (intervals, 26 + functions + 2, 26 + functions + 2)
-        L^T L, symmetric.
-    right : ndarray (intervals, 26 + functions + 2)
+    gram : ndarray (intervals, columns, columns)
+        L^T L, symmetric; columns of theta, w, and two of the disturbance.
+    right : ndarray (intervals, columns)
         L^T y.
     energy, samples : ndarray (intervals,)
         Sum of y^2 [N^2], number of samples.
@@ -185,9 +186,8 @@ class Intervals(NamedTuple):
 
 
 @numba.njit(cache=True)
-def empty_intervals(count: int, functions: int, first: int) -> Intervals:
+def empty_intervals(count: int, columns: int, first: int) -> Intervals:
     """Return so many intervals without a sample."""
-    columns = NONLINEAR + functions + 2
     return Intervals(
         first=np.array([first], dtype=np.int64),
         gram=np.zeros((count, columns, columns)),
@@ -204,7 +204,7 @@ class Origin(NamedTuple):
     ----------
     stamp_ns : int
         Time of the change [ns]; before every pulse if there was none.
-    theta, linear : ndarray (26,), (functions,)
+    theta, linear : ndarray (nonlinear,), (functions,)
         The muscle before it.
     """
 
@@ -215,7 +215,7 @@ class Origin(NamedTuple):
 
 def no_change(functions: int) -> Origin:
     """Return the origin of a muscle that has not changed."""
-    return Origin(-(2**62), np.ones(NONLINEAR), np.zeros(functions))
+    return Origin(-(2**62), np.ones(PARAMETERS), np.zeros(functions))
 
 
 @numba.njit(cache=True)
@@ -229,7 +229,7 @@ def condensed(
     problem : Problem
         Blocks; those before `first` only advance the state.
     point : Point
-        Point of linearisation; of it, theta (26,) and w (functions,) are used.
+        Point of linearisation; of it, theta and w are used.
     first_ns, length_ns : int
         Beginning of the first block and length of an interval [ns].
     origin : Origin
@@ -238,10 +238,11 @@ def condensed(
     blocks, theta, linear = problem.blocks, point.theta, point.linear
     last_ns = blocks.start_ns[newest(blocks)]
     first = first_ns // length_ns
-    intervals = empty_intervals(last_ns // length_ns - first + 1, len(linear), first)
-    functions = len(linear)
-    state, slope = np.zeros(functions), np.zeros(NONLINEAR)
-    slopes = np.zeros((functions, NONLINEAR))
+    nonlinear, functions = len(theta), len(linear)
+    columns = nonlinear + functions + 2
+    intervals = empty_intervals(last_ns // length_ns - first + 1, columns, first)
+    state, slope = np.zeros(functions), np.zeros(nonlinear)
+    slopes = np.zeros((functions, nonlinear))
     before, values = np.zeros(functions), np.zeros(functions)
     cleaned, rest = np.zeros((functions, 3)), np.zeros(blocks.moments.shape[1])
     most = len(intervals.samples) - 1
@@ -295,7 +296,7 @@ class Point(NamedTuple):
 
     Attributes
     ----------
-    theta : ndarray (26,)
+    theta : ndarray (nonlinear,)
         u_thr, u_sat, alpha_sat, alpha_thr, deviation c and kappa now.
     linear : ndarray (functions,)
         w now.
@@ -363,7 +364,7 @@ def steady(theta: FloatArray, linear: FloatArray) -> Point:
 @numba.njit(cache=True)
 def unknowns_of(point: Point) -> int:
     """Return the number of unknowns in x."""
-    count: int = NONLINEAR + len(point.linear) + 2 * len(point.gain) + SLOPES
+    count: int = len(point.theta) + len(point.linear) + 2 * len(point.gain) + SLOPES
     return count
 
 
@@ -491,12 +492,13 @@ def assembled(
     coupling, band = np.zeros((ends, unknowns + 1)), np.zeros((ends, 3))
     equations = Equations(matrix, right_hand, coupling, band, np.zeros(1))
     knots = len(point.gain)
-    local = NONLINEAR + len(point.linear)
+    nonlinear = len(point.theta)
+    local = nonlinear + len(point.linear)
     force = np.zeros(local + 2)
     slow = np.zeros(local + 2)
-    force[NONLINEAR:local] = point.linear
+    force[nonlinear:local] = point.linear
     # D commutes with its exponential
-    slow[NONLINEAR:local] = time_scale_derivative(point.linear)
+    slow[nonlinear:local] = time_scale_derivative(point.linear)
     powers = time_scaling_terms(len(point.linear))
     basis = np.zeros((6, local + 2))
     place = np.zeros(6, dtype=np.int64)

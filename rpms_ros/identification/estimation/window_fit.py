@@ -45,8 +45,7 @@ from rpms_ros.identification.estimation.window_equations import (
     unknowns_of,
 )
 from rpms_ros.identification.model.recruitment import (
-    DEVIATION,
-    NONLINEAR,
+    MOST_SINES,
     PARAMETERS,
     coordinates,
     deviation_variance,
@@ -79,17 +78,17 @@ def _left(
     constant and age (counted in intervals) have a value for each interval.
     """
     count, columns = intervals.right.shape
-    functions = len(point.linear)
+    nonlinear, functions = len(theta), len(point.linear)
     scores = np.zeros((count, columns))
     squares = np.zeros(count)
     coefficients = np.zeros(columns)
     for index in range(count):
-        coefficients[:NONLINEAR] = gain[index] * theta
+        coefficients[:nonlinear] = gain[index] * theta
         for slope in range(len(point.slope)):
             coefficients[slope] += gain[index] * age[index] * point.slope[slope]
         response = time_scaled(point.linear, delay[index])
         for function in range(functions):
-            coefficients[NONLINEAR + function] = gain[index] * response[function]
+            coefficients[nonlinear + function] = gain[index] * response[function]
         coefficients[columns - 2] = levels[index]
         coefficients[columns - 1] = levels[index + 1]
         squares[index] = intervals.energy[index]
@@ -146,6 +145,8 @@ NO_EVENTS: IntArray = np.zeros(0, dtype=np.int64)
 # A step that gains less than this is as good as exact [nat]; a longer one is tried so often, with
 # a damping that rises from trial to trial and falls from step to step.
 _CERTAIN, _TRIALS = 2.0, 5
+# Share of the largest step within which the model is linear, along a valley of the cost too.
+_NEAR = 0.02
 _LEAST_DAMPING, _RISES, _FALLS = 1e-7, 30.0, 0.1
 # A response that has changed by no more than this share leaves the equations as they are.
 _SAME = 1e-3
@@ -280,6 +281,8 @@ class WindowFit:
         Mean square of what the last step leaves, against the variance.
     likelihood : float
         Logarithm of that of the samples at the last step's x, the disturbance integrated out.
+    penalty : float
+        What the evidence is less than that, for the choice of x [nat].
     most_inflation : float
         Limit of `inflation` where samples are weighted by it.
     colour : float
@@ -307,6 +310,7 @@ class WindowFit:
     evidence: float = -math.inf
     misfit: float = 1.0
     likelihood: float = -math.inf
+    penalty: float = 0.0
     most_inflation: float = _MOST_INFLATION
     colour: float = 1.0
     damping: float = 0.0
@@ -326,7 +330,8 @@ class WindowFit:
     @property
     def shows_response(self) -> bool:
         """Whether the response differs significantly from zero."""
-        part = slice(NONLINEAR, NONLINEAR + len(self.point.linear))
+        first = len(self.point.theta)
+        part = slice(first, first + len(self.point.linear))
         uncertain = float(np.sum(np.diag(self.covariance)[part]))
         size = float(self.point.linear @ self.point.linear)
         return self.variance > 0.0 and uncertain > 0.0 and size > _SHOWN**2 * uncertain
@@ -339,9 +344,10 @@ class WindowFit:
         if self.variance <= 0.0 or not self.covariance.any():
             return None
         linear = self.point.linear
-        joint = NONLINEAR + len(linear)
+        first = len(self.point.theta)
+        joint = first + len(linear)
         covariance = self.covariance[:joint, :joint].copy()
-        rest = covariance[NONLINEAR:, NONLINEAR:]
+        rest = covariance[first:, first:]
         newest = float(self.point.gain[0]) if len(self.point.gain) else 0.0
         rest += (_BETWEEN_KNOTS * newest) ** 2 * np.outer(linear, linear)
         rest += float(linear @ linear) * (_BASIS_ERROR**2 * np.eye(len(linear)) + spread)
@@ -351,8 +357,8 @@ class WindowFit:
 def fresh_fit(theta: FloatArray, functions: int) -> WindowFit:
     """Return a fit without data."""
     point = steady(theta, np.zeros(functions))
-    unknowns = NONLINEAR + functions + SLOPES
-    return WindowFit(point, np.zeros(2), np.zeros((unknowns, unknowns)), np.ones(NONLINEAR))
+    unknowns = len(theta) + functions + SLOPES
+    return WindowFit(point, np.zeros(2), np.zeros((unknowns, unknowns)), np.ones(len(theta)))
 
 
 def _student(precision: FloatArray) -> FloatArray:
@@ -436,6 +442,8 @@ class _Solution(NamedTuple):
         Cost at the point.
     reduced : Reduced
         Equations without the prior.
+    nonlinear : int
+        Elements of theta.
     """
 
     step: FloatArray
@@ -445,6 +453,7 @@ class _Solution(NamedTuple):
     left: float
     here: float
     reduced: Reduced
+    nonlinear: int
 
     def with_cost(self, left: float) -> '_Solution':
         """Return the same with the exact cost after the step."""
@@ -453,26 +462,26 @@ class _Solution(NamedTuple):
     def damped(self, damping: float) -> FloatArray:
         """Return the Levenberg-Marquardt step with theta damped."""
         hessian = self.hessian.copy()
-        place = np.arange(NONLINEAR)
+        place = np.arange(self.nonlinear)
         hessian[place, place] *= 1.0 + damping
         return _solved(hessian, self.right)[0]
 
     def projected(self) -> tuple[float, FloatArray]:
         """Return the cost with theta as it is and all else at its best, and the step to it."""
-        step = np.zeros_like(self.step)
-        step[NONLINEAR:], gained, _ = _solved(
-            np.ascontiguousarray(self.hessian[NONLINEAR:, NONLINEAR:]), self.right[NONLINEAR:]
+        step, rest = np.zeros_like(self.step), slice(self.nonlinear, None)
+        step[rest], gained, _ = _solved(
+            np.ascontiguousarray(self.hessian[rest, rest]), self.right[rest]
         )
         return self.here - gained, step
 
 
-# Prior variances of c (20,) by places in `SIZES` and `LENGTHS`.
+# Prior variances of c by places in `SIZES` and `LENGTHS`.
 DEVIATION_VARIANCES = {
     (size, length): deviation_variance(SIZES[size], LENGTHS[length])
     for size in range(len(SIZES))
     for length in range(len(LENGTHS))
 }
-_NO_PRIOR: FloatArray = np.full(DEVIATION.stop - PARAMETERS, np.inf)
+_NO_PRIOR: FloatArray = np.full(MOST_SINES, np.inf)
 
 
 def _solution(at: Linearised, reduced: Reduced, scales: Scales) -> _Solution | None:
@@ -490,7 +499,8 @@ def _solution(at: Linearised, reduced: Reduced, scales: Scales) -> _Solution | N
     here = float(reduced.cost[0]) + cost
     left = here - gained
     evidence = -0.5 * (left + determinant - logarithm) + float(reduced.evidence[0])
-    return _Solution(step, right, hessian, evidence, left, here, reduced)
+    nonlinear = len(at.point.theta)
+    return _Solution(step, right, hessian, evidence, left, here, reduced, nonlinear)
 
 
 @numba.njit(cache=True)
@@ -609,8 +619,10 @@ def gauss_newton_steps(
             return None
         before = fit.variance
         after = _move(fit, at, solution, tried)
-        settled = np.abs(fit.moved) < 0.05 * np.sqrt(np.diag(fit.covariance)[:NONLINEAR])
-        if settled.all() and fit.variance > 0.5 * before:
+        settled = np.abs(fit.moved) < 0.05 * np.sqrt(np.diag(fit.covariance)[: len(fit.moved)])
+        # a step that was refused is no end, unless the next samples bring the next one
+        ends = (window.changes or fit.moved.any()) and settled.all()
+        if ends and fit.variance > 0.5 * before:
             break
     return at
 
@@ -637,7 +649,7 @@ def steps_at_fixed_scales(
 def _limited(at: Linearised, solution: _Solution, step: FloatArray) -> FloatArray:
     """Return a step (unknowns,) within the bounds and the range of a nearly linear model."""
     step = at.knowledge.bounded(at.point, step, solution.hessian)
-    joint, knots = NONLINEAR + len(at.point.linear), len(at.point.gain)
+    joint, knots = len(at.point.theta) + len(at.point.linear), len(at.point.gain)
     slowing = step[joint + knots : joint + 2 * knots] / _LARGEST_SLOWING_STEP
     largest = np.abs(np.concatenate((step[:PARAMETERS] / _LARGEST_STEP, slowing)))
     return step / max(1.0, float(largest.max()))
@@ -657,7 +669,9 @@ def _move(
     if not certain and fit.damping > _LEAST_DAMPING:
         step = solution.damped(fit.damping)
     step = _limited(at, solution, step)
-    if certain:
+    # a window that moves on finds its way with the next samples
+    linear = at.window.changes or np.abs(step[:PARAMETERS] / _LARGEST_STEP).max() < _NEAR
+    if certain and linear:
         _accept(fit, at, solution, step, covariance)
         _refresh_noise(fit, at)
         return None
@@ -671,13 +685,16 @@ def _move(
         if other is not None:
             cost, rest_there = other.projected()
             if cost <= least + _CERTAIN:
+                if not at.window.changes:
+                    # of where it leads: along the valley, that of here has another direction
+                    covariance = scaled_inverse(other.hessian)
                 _accept(fit, at, solution.with_cost(cost), step, covariance)
                 fit.point = moved(trial.point, rest_there)
                 fit.levels = disturbance_at(reduced, rest_there)
                 _refresh_noise(fit, there)
                 fit.damping *= _FALLS
-                response = slice(NONLINEAR, NONLINEAR + len(trial.point.linear))
-                changed = np.linalg.norm(rest_there[response])
+                first = len(trial.point.theta)
+                changed = np.linalg.norm(rest_there[first:][: len(trial.point.linear)])
                 if changed > _SAME * np.linalg.norm(trial.point.linear):
                     return None
                 there.differences = _differences(fit, fit.first, there.differences.shape[1])
@@ -706,7 +723,7 @@ def _refresh_noise(fit: WindowFit, at: Linearised) -> None:
 
     Alike is a factor of at least 1 by which neighbouring ones tell less than independent ones.
     """
-    intervals, local = at.intervals, NONLINEAR + len(at.point.linear)
+    intervals, local = at.intervals, len(at.point.theta) + len(at.point.linear)
     scores, squares, gain = left_after(fit, at)
     some = intervals.samples > 0.0
     total = max(float((some * squares).sum()), 0.0)
@@ -810,14 +827,15 @@ def gain_swing(fit: WindowFit, at: Linearised) -> float:
     if len(number) < _LEAST_SWING_INTERVALS:
         return fit.swing
     linear, levels = fit.point.linear, fit.levels
-    joint = NONLINEAR + len(linear)
+    first = len(fit.point.theta)
+    joint = first + len(linear)
     gram, left = at.intervals.gram[number], left_after(fit, at)[0][number]
-    force = linear @ gram[:, NONLINEAR:joint]
+    force = linear @ gram[:, first:joint]
     hats = gram[:, joint:, joint:] + LEAST_ENERGY * np.eye(2)
     both = np.stack((force[:, joint:], left[:, joint:]), axis=-1)
     by_level = np.einsum('ki,kij->kj', force[:, joint:], np.linalg.solve(hats, both))
-    ripple = force[:, NONLINEAR:joint] @ linear - by_level[:, 0]
-    seen = left[:, NONLINEAR:joint] @ linear - by_level[:, 1]
+    ripple = force[:, first:joint] @ linear - by_level[:, 0]
+    seen = left[:, first:joint] @ linear - by_level[:, 1]
     line = np.column_stack((np.ones(len(number)), number - number.mean()))
     disturbance = 0.5 * (levels[number] + levels[number + 1])
     disturbance -= line @ np.linalg.lstsq(line, disturbance, rcond=None)[0]
@@ -837,16 +855,17 @@ def _accept(
     """Go where a step leads."""
     fit.point = moved(at.point, step)
     at.knowledge.separate(fit.point.theta)
-    fit.moved = step[:NONLINEAR]
+    fit.moved = step[: len(fit.point.theta)]
     fit.levels = disturbance_at(solution.reduced, step)
     fit.first = int(at.intervals.first[0])
     fit.covariance = covariance * max(1.0, fit.inflation / max(fit.colour, _MOST_INFLATION))
     fit.level_deviation = math.sqrt(1.0 / float(solution.reduced.factor[-1, -1]))
     fit.evidence = solution.evidence
     fit.misfit = solution.left / at.samples
+    explained = float(solution.reduced.evidence[0]) - 0.5 * solution.left
+    fit.penalty = explained - solution.evidence
     fit.likelihood = (
-        float(solution.reduced.evidence[0])
-        - 0.5 * solution.left
+        explained
         # behind a filter there are fewer independent ones
         - 0.5 * at.samples / fit.colour * math.log(fit.weighting_variance)
     )
@@ -870,7 +889,7 @@ def _differences(fit: WindowFit, first: int, knots: int) -> FloatArray:
 def moved(point: Point, step: FloatArray) -> Point:
     """Return the point after a step of x (unknowns,)."""
     functions, knots = len(point.linear), len(point.gain)
-    ends = np.cumsum([NONLINEAR, functions, knots, knots])
+    ends = np.cumsum([len(point.theta), functions, knots, knots])
     theta, linear, gain, slowing, slope = np.split(step, ends)
     return point._replace(
         theta=from_coordinates(coordinates(point.theta) + theta),

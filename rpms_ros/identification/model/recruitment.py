@@ -4,7 +4,7 @@ r"""Recruitment and summation of any shape: the paper's, and what the samples as
 
 **Recruitment.**  With A the arctangents of Eq. (30), less their value at intensity 0,
 
-.. math:: \rho(u) = A(u) + A(1) \sum_{k=1}^{20} c_k \sin(k \pi u / 1.2) .
+.. math:: \rho(u) = A(u) + A(1) \sum_{k=1}^{n} c_k \sin(k \pi u / 1.2) .
 
 The sum is a Gaussian process with a Matern covariance of order 5/2 in the reduced-rank form of
 Solin and Sarkka (2020): the c_k are independent, their variances are the spectral density of the
@@ -31,28 +31,26 @@ from rpms_ros.pulses import FloatArray
 
 PARAMETERS = len(PARAMETER_NAMES)
 """Parameters of the arctangents: u_thr, u_sat, alpha_sat, alpha_thr."""
-DEVIATION = slice(PARAMETERS, PARAMETERS + 20)
-"""Where c stands in theta."""
-SUMMATION = slice(DEVIATION.stop, DEVIATION.stop + 2)
-"""Where kappa stands: of longer and of shorter intervals."""
-NONLINEAR = SUMMATION.stop
-"""Nonlinear unknowns, theta."""
-_LAST, _LONGER, _SHORTER = DEVIATION.stop, SUMMATION.start, SUMMATION.start + 1
+SINES, MOST_SINES = 20, 32
+"""Elements of c: what seconds of samples bear, and what a whole recording does."""
+SUMMATION = slice(-2, None)
+"""Where kappa stands in theta, behind c: of longer and of shorter intervals."""
+_LONGER, _SHORTER = -2, -1
 # The sines vanish here, beyond every intensity.
 _SPAN = 1.2
-_FREQUENCY: FloatArray = np.arange(1.0, _LAST - PARAMETERS + 1.0) * np.pi / _SPAN
+_FREQUENCY: FloatArray = np.arange(1.0, MOST_SINES + 1.0) * np.pi / _SPAN
 _LEAST_WEIGHT = 1e-6
 
 
 @numba.njit(cache=True)
 def recruitment(intensity: float, theta: FloatArray) -> float:
-    """Return rho at an intensity; `theta` has 4 elements, the arctangents, or 26."""
+    """Return rho at an intensity; `theta` is the arctangents (4,), or these and c (4 + sines,)."""
     offset = arctan_recruitment(0.0, theta)
     value: float = arctan_recruitment(intensity, theta) - offset
     if len(theta) > PARAMETERS:
         angle = math.pi * intensity / _SPAN
         before, sine, twice, total = 0.0, math.sin(angle), 2.0 * math.cos(angle), 0.0
-        for place in range(PARAMETERS, _LAST):
+        for place in range(PARAMETERS, len(theta)):
             total += theta[place] * sine
             before, sine = sine, twice * sine - before
         value += (arctan_recruitment(1.0, theta) - offset) * total
@@ -73,11 +71,10 @@ def recruitment_with_gradient(intensity: float, theta: FloatArray, gradient: Flo
     if len(theta) > PARAMETERS:
         angle = math.pi * intensity / _SPAN
         before, sine, twice = 0.0, math.sin(angle), 2.0 * math.cos(angle)
-        for place in range(PARAMETERS, _LAST):
+        for place in range(PARAMETERS, len(theta)):
             gradient[place] = height * sine
             total += theta[place] * sine
             before, sine = sine, twice * sine - before
-        gradient[_LAST:] = 0.0
         value += height * total
     for place in range(PARAMETERS):
         slope = gradient[place] - zero[place] + total * (full[place] - zero[place])
@@ -87,23 +84,27 @@ def recruitment_with_gradient(intensity: float, theta: FloatArray, gradient: Flo
 
 @numba.njit(cache=True)
 def counted(intensity: float, weight: float, theta: FloatArray) -> float:
-    """Return the recruitment of a pulse times the weight by its interval; theta (26,)."""
+    """Return the recruitment of a pulse times the weight by its interval.
+
+    `theta` is the arctangents, c and kappa.
+    """
     logarithm = math.log(max(weight, _LEAST_WEIGHT))
     power = theta[_LONGER] if logarithm > 0.0 else theta[_SHORTER]
-    return math.exp(power * logarithm) * recruitment(intensity, theta)
+    return math.exp(power * logarithm) * recruitment(intensity, theta[:-2])
 
 
 @numba.njit(cache=True)
 def counted_with_gradient(
     intensity: float, weight: float, theta: FloatArray, gradient: FloatArray
 ) -> float:
-    """Return `counted`; write its derivatives by theta (26,), alpha as logarithms."""
+    """Return `counted`; write its derivatives by all of theta, alpha as logarithms."""
     logarithm = math.log(max(weight, _LEAST_WEIGHT))
     which = _LONGER if logarithm > 0.0 else _SHORTER
     factor = math.exp(theta[which] * logarithm)
-    value: float = factor * recruitment_with_gradient(intensity, theta, gradient)
-    for place in range(_LAST):
+    value: float = factor * recruitment_with_gradient(intensity, theta[:-2], gradient[:-2])
+    for place in range(len(theta) - 2):
         gradient[place] *= factor
+    gradient[-2:] = 0.0
     gradient[which] = value * logarithm
     return value
 
@@ -118,7 +119,7 @@ def recruitment_curve(intensity: FloatArray, theta: FloatArray) -> tuple[FloatAr
 
 
 def deviation_variance(size: float, length: float) -> FloatArray:
-    """Return the prior variances of c (20,).
+    """Return the prior variances of c (`MOST_SINES`,).
 
     `size` is the standard deviation of the process, as a share of the recruitment at full
     intensity; `length` its length in units of the intensity.

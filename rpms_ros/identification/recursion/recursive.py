@@ -58,12 +58,7 @@ from rpms_ros.identification.estimation.window_fit import (
 )
 from rpms_ros.identification.model.estimate import DEFAULT_RATE, Estimate
 from rpms_ros.identification.model.levenberg_marquardt import Ending
-from rpms_ros.identification.model.recruitment import (
-    DEVIATION,
-    PARAMETERS,
-    coordinates,
-    recruitment,
-)
+from rpms_ros.identification.model.recruitment import PARAMETERS, SINES, coordinates, recruitment
 from rpms_ros.identification.quality.doubts import (
     CHANGED_LATELY,
     FACTORISATION_FAILED,
@@ -356,14 +351,14 @@ class FixedSizeRecursion:
         self._rate = 2.0 / basis.time_constant
         self._memory = empty_memory(KNOTS, basis.functions)
         self._prediction = fresh_prediction_state(basis.functions)
-        start = np.zeros(DEVIATION.stop if settings.deviation else PARAMETERS)
+        start = np.zeros(PARAMETERS + SINES * settings.deviation)
         start[:PARAMETERS] = settings.start
         self._fit = empty_fit(start, basis.functions, 1)
         # of the last step that could be taken
         self._information = self._fit.matrix.copy()
         # scratch: a trial step, and a fit from another start
         self._trial, self._other = (empty_fit(start, basis.functions, 1) for _ in range(2))
-        self._starts = [other[: len(start)] for other in settings.starts()]
+        self._starts = [other[: len(start)] for other in settings.starts(SINES)]
         # the latter: places in `SIZES` and `LENGTHS`
         self._steps, self._shape = 0, (0, 1)
         self._prior = self._prior_of(self._shape)
@@ -604,7 +599,7 @@ class FixedSizeRecursion:
         """Return the prior with a deviation of this size and length."""
         if not self.settings.deviation:
             return PRIOR
-        deviation = np.sqrt(DEVIATION_VARIANCES[shape])
+        deviation = np.sqrt(DEVIATION_VARIANCES[shape][:SINES])
         return PRIOR._replace(
             mean=np.append(PRIOR.mean, 0.0 * deviation),
             deviation=np.append(PRIOR.deviation, deviation),

@@ -24,8 +24,8 @@ from rpms_ros.identification.estimation.window_equations import (
 from rpms_ros.identification.estimation.window_fit import Window
 from rpms_ros.identification.model.basis import LaguerreBasis
 from rpms_ros.identification.model.recruitment import (
-    DEVIATION,
-    NONLINEAR,
+    PARAMETERS,
+    SINES,
     SUMMATION,
     coordinates,
     from_coordinates,
@@ -35,6 +35,10 @@ from rpms_ros.muscle import RateRecruitment, RecruitmentParameters, identified_r
 BASIS = LaguerreBasis(5, 38e-3, 3.3e-3)
 LINEAR = np.array([1.0, -0.5, 0.3, 0.2, -0.1])
 WHOLE_NS = 10_000_000_000
+
+
+DEVIATION = slice(PARAMETERS, PARAMETERS + SINES)
+NONLINEAR = PARAMETERS + SINES + 2
 
 
 def theta_of(seed):
@@ -99,7 +103,7 @@ def test_equal_those_of_a_loop_over_samples(recorded):
 
 
 def test_the_paper_s_form_has_no_deviation():
-    starts = ProjectionSettings().starts()
+    starts = ProjectionSettings().starts(SINES)
     assert all((start[DEVIATION] == 0.0).all() for start in starts)
 
 
@@ -143,7 +147,7 @@ class Written:
 
     def intervals(self):
         """Return what the estimator keeps of it; the fifth interval holds no sample."""
-        found = empty_intervals(INTERVALS, FUNCTIONS, FIRST)
+        found = empty_intervals(INTERVALS, LOCAL + 2, FIRST)
         for index in range(INTERVALS):
             columns, force = self.columns[index], self.force[index]
             found.gram[index] = columns.T @ columns
