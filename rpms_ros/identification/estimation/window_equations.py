@@ -215,7 +215,7 @@ class Origin(NamedTuple):
 
 def no_change(functions: int) -> Origin:
     """Return the origin of a muscle that has not changed."""
-    return Origin(-(2**62), np.ones(PARAMETERS), np.zeros(functions))
+    return Origin(-(2**62), np.ones(PARAMETERS + 2), np.zeros(functions))
 
 
 @numba.njit(cache=True)
