@@ -237,12 +237,13 @@ class BatchEstimator(ProjectionEstimator):
         fit, functions = self._window, self._basis.functions
         other = fresh_fit(self.settings.starts(self.sines)[0], functions)
         other.point.theta[:PARAMETERS] = nearest_arctangents(fit.point.theta[: SUMMATION.start])[0]
-        other.left_out, other.failures = fit.left_out, fit.failures
+        other.left_out = fit.left_out
         tried = [
             (gauss_newton_steps(self._problem, one, knowledge, window, _FINAL_STEPS), one)
             for one in (fit, other)
         ]
         at, self._window = max(tried, key=lambda one: one[1].likelihood - one[1].penalty)
+        self._window.failures = fit.failures + other.failures
         return at
 
     def _scout(self, fit: WindowFit) -> None:

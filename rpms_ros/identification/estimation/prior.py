@@ -276,12 +276,12 @@ class WindowPrior:
 
 def physiological_prior(settings: ProjectionSettings, sines: int) -> WindowPrior:
     """Return the prior before any sample, with so many elements of c."""
-    shape = np.zeros(sines)
     kappa, spread = settings.summation
-    joint = PARAMETERS + sines + 2 + settings.basis.functions
+    mean = np.concatenate((PRIOR.mean, np.zeros(sines), np.full(2, kappa)))
+    joint = len(mean) + settings.basis.functions
     return WindowPrior(
-        mean=np.concatenate((PRIOR.mean, shape, np.full(2, kappa))),
-        deviation=np.concatenate((PRIOR.deviation, shape + np.inf, np.full(2, spread))),
+        mean=mean,
+        deviation=np.concatenate((PRIOR.deviation, np.full(sines, np.inf), np.full(2, spread))),
         lower=coordinates(PRIOR.lower),
         upper=coordinates(PRIOR.upper),
         separation=PRIOR.separation,

@@ -282,7 +282,7 @@ class WindowFit:
     likelihood : float
         Logarithm of that of the samples at the last step's x, the disturbance integrated out.
     penalty : float
-        What the evidence is less than that, for the choice of x [nat].
+        By how much the evidence, which counts every x, is below the likelihood [nat].
     most_inflation : float
         Limit of `inflation` where samples are weighted by it.
     colour : float
@@ -499,8 +499,7 @@ def _solution(at: Linearised, reduced: Reduced, scales: Scales) -> _Solution | N
     here = float(reduced.cost[0]) + cost
     left = here - gained
     evidence = -0.5 * (left + determinant - logarithm) + float(reduced.evidence[0])
-    nonlinear = len(at.point.theta)
-    return _Solution(step, right, hessian, evidence, left, here, reduced, nonlinear)
+    return _Solution(step, right, hessian, evidence, left, here, reduced, len(at.point.theta))
 
 
 @numba.njit(cache=True)
@@ -669,9 +668,9 @@ def _move(
     if not certain and fit.damping > _LEAST_DAMPING:
         step = solution.damped(fit.damping)
     step = _limited(at, solution, step)
+    near = np.abs(step[:PARAMETERS] / _LARGEST_STEP).max() < _NEAR
     # a window that moves on finds its way with the next samples
-    linear = at.window.changes or np.abs(step[:PARAMETERS] / _LARGEST_STEP).max() < _NEAR
-    if certain and linear:
+    if certain and (near or at.window.changes):
         _accept(fit, at, solution, step, covariance)
         _refresh_noise(fit, at)
         return None

@@ -35,8 +35,6 @@ from rpms_ros.muscle import RateRecruitment, RecruitmentParameters, identified_r
 BASIS = LaguerreBasis(5, 38e-3, 3.3e-3)
 LINEAR = np.array([1.0, -0.5, 0.3, 0.2, -0.1])
 WHOLE_NS = 10_000_000_000
-
-
 DEVIATION = slice(PARAMETERS, PARAMETERS + SINES)
 NONLINEAR = PARAMETERS + SINES + 2
 
