@@ -95,10 +95,10 @@ def test_what_says_nothing_of_a_muscle_or_comes_too_late_is_refused(tmp_path, la
     document = json.loads(last_time.read_text())
     theta = document['muscle']['theta']
     for name, value, message in (
-        ('theta', theta[1:], r'expected 26 parameters and a covariance of 33, got \(25,\)'),
+        ('theta', theta[1:], r'expected 30 parameters and a covariance of 37, got \(29,\)'),
         ('theta', [math.nan, *theta[1:]], 'expected finite parameters of a muscle'),
         ('theta', [*theta[:2], -1.0, *theta[3:]], 'expected alpha above 0, got'),
-        ('covariance', [[1.0]], 'expected 26 parameters and a covariance of 33'),
+        ('covariance', [[1.0]], 'expected 30 parameters and a covariance of 37'),
         ('variance', 0.0, 'expected finite parameters of a muscle'),
         ('latency_s', 'soon', 'of a session with a recruitment'),
     ):

@@ -41,7 +41,7 @@ from rpms_ros.identification.model.estimate import (
     Estimate,
     recruiting_range,
 )
-from rpms_ros.identification.model.recruitment import PARAMETERS, SINES, SUMMATION
+from rpms_ros.identification.model.recruitment import PARAMETERS, SUMMATION, WINDOW_SINES
 from rpms_ros.identification.quality.doubts import FACTORISATION_FAILED, FaultCounter
 from rpms_ros.muscle.recruitment import RecruitmentParameters
 from rpms_ros.pulses import BoolArray, FloatArray, IntArray
@@ -65,7 +65,7 @@ class ProjectionEstimator:
         If the rate is not above zero.
     """
 
-    name, sines = 'projection', SINES
+    name, sines = 'projection', WINDOW_SINES
     on_line = True
 
     def __init__(
@@ -163,7 +163,7 @@ class ProjectionEstimator:
 
     def fitted(self) -> FittedMuscle | None:
         """Return the muscle for a warm start, None where no recruitment is known."""
-        fit, fine = self._window, slice(PARAMETERS + SINES, PARAMETERS + self.sines)
+        fit, fine = self._window, slice(PARAMETERS + WINDOW_SINES, PARAMETERS + self.sines)
         sure = fit.uncertainty(self.settings.confidence, self._basis_spread)
         if sure is None:
             return None

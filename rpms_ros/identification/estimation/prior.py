@@ -32,7 +32,12 @@ from rpms_ros.identification.estimation.window_equations import (
 )
 from rpms_ros.identification.model.basis import LaguerreBasis, conversion
 from rpms_ros.identification.model.estimate import Estimator
-from rpms_ros.identification.model.recruitment import PARAMETERS, SINES, SUMMATION, coordinates
+from rpms_ros.identification.model.recruitment import (
+    PARAMETERS,
+    SUMMATION,
+    WINDOW_SINES,
+    coordinates,
+)
 from rpms_ros.pulses import FloatArray
 from rpms_ros.schema import documented
 
@@ -339,7 +344,7 @@ def scaled_inverse(matrix: FloatArray) -> FloatArray:
 
 _LARGEST_RESULT = 64_000_000
 # Elements of theta that are kept for another session.
-_KEPT = PARAMETERS + SINES + 2
+_KEPT = PARAMETERS + WINDOW_SINES + 2
 
 
 @dataclass(frozen=True)
@@ -380,7 +385,7 @@ class FittedMuscle:
     time_constant_s: float = documented('of the Laguerre functions [s]')
     latency_s: float = documented('from a pulse to the beginning of the functions [s]')
     theta: FloatArray = documented(
-        'u_thr, u_sat, alpha_sat, alpha_thr, deviation of the recruitment (20), exponents of r (2)'
+        'u_thr, u_sat, alpha_sat, alpha_thr, deviation of the recruitment (24), exponents of r (2)'
     )
     linear: FloatArray = documented('coefficients of the functions [N s^(1/2)]')
     covariance: FloatArray = documented('of theta and linear, alpha as logarithms')

@@ -315,6 +315,8 @@ _SPARE_BLOCKS = 128
 _BLOCKS_OF_PAUSES = 4
 # Without a pulse for so long, and so many times their median interval, the muscle recovers [ns].
 _PAUSE_NS, _PAUSE_INTERVALS = 1_000_000_000, 4.0
+# Pulses that recruit less than this share let it recover.
+_RECRUITS = 0.03
 # The window ends where the muscle was so different that what it was then says little of now, seven
 # functions no longer hold the stretched response, and one slope not the moved recruitment.
 _LARGEST_GAIN = 0.25
@@ -652,7 +654,12 @@ class TrackingEstimator(ProjectionEstimator):
         first_ns = max(int(blocks.start_ns[begin]), oldest_ns)
         now_ns = self._now_ns
         knots, pauses = knots_of_change(self._acting_ns(), first_ns, now_ns, self._lag())
-        window = Window(first_ns, now_ns, INTERVAL_NS, knots, pauses, self._origin)
+        if any(pauses):
+            # a muscle that rests at times recovers while pulses recruit nothing, too
+            recruiting_ns = self._acting_ns(_RECRUITS)
+            knots, pauses = knots_of_change(recruiting_ns, first_ns, now_ns, self._lag())
+        fixed = first_ns, now_ns, INTERVAL_NS, knots, pauses, self._origin
+        window = Window(*fixed, effort=True)
         # without a known response there is no slow change
         return window if self._schedule.begun else window.without_past
 
@@ -671,11 +678,16 @@ class TrackingEstimator(ProjectionEstimator):
         disturbance: FloatArray = (1.0 - share) * levels[0] + share * levels[1]
         return disturbance
 
-    def _acting_ns(self) -> IntArray:
-        """Return when the pulses of the blocks began to act (pulses,) [ns]."""
+    def _acting_ns(self, least: float = 0.0) -> IntArray:
+        """Return when pulses that recruit more than a share began to act (pulses,) [ns]."""
         blocks = self._problem.blocks
         order = ring_order(blocks)
-        acting_ns: IntArray = blocks.start_ns[order][blocks.intensity[order] > 0.0]
+        strength = blocks.intensity[order]
+        if least:
+            theta = self._window.point.theta[: SUMMATION.start]
+            rho = recruitment_curve(np.append(strength, 1.0), theta)[0]
+            strength = rho[:-1] / rho[-1]
+        acting_ns: IntArray = blocks.start_ns[order][strength > least]
         return acting_ns
 
     def _slide(self) -> None:
@@ -758,8 +770,13 @@ class TrackingEstimator(ProjectionEstimator):
             self._change_basis(self._basis)
         choice = self._choice()
         found = choice.better(search is Search.EVERYWHERE)
-        self._basis_spread = choice.spread(found)
         explained = choice.explained(found)
+        self._basis_spread = choice.spread(found)
+        linear, area = explained.fit.point.linear, found.area
+        if choice.window.first_ns > self._span().first_ns and area @ linear > 0.0:
+            # the steady force is known from all samples of the window, not the newest alone
+            kept = np.eye(len(area)) - np.outer(linear, area) / (area @ linear)
+            self._basis_spread = kept @ self._basis_spread @ kept.T
         quieter = explained.fit.scales.lively < LIVELY <= fit.scales.lively
         freed = explained.fit.inflation < _ALIKE * fit.colour < fit.inflation
         # what happens just now is no reason to take all for a disturbance
@@ -773,7 +790,9 @@ class TrackingEstimator(ProjectionEstimator):
 
     def _choice(self) -> BasisChoice:
         """Return the choice of a basis for the newest samples."""
-        prior, span = self._of_any_shape(self._prior), self._span(self._compared_from())
+        prior = self._of_any_shape(self._prior)
+        # with an effort where it begins, any basis explains a slow sinusoid
+        span = replace(self._span(self._compared_from()), effort=False)
         rates = None if self._tremor.frequency else repetition_rates(self._problem.blocks)
         return BasisChoice(self._raw, self._basis, self._window, prior, span, rates)
 

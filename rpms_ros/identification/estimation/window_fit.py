@@ -3,9 +3,9 @@
 """The fit of a window: present muscle, its slow change and the disturbance.
 
 The standard deviations of the slow change and of the disturbance are not settings.  Each has a
-scale on a coarse grid; at every step the present value is compared with its neighbours by the
-evidence, the probability of the samples with everything else integrated out (Laplace's
-approximation, exact except for theta).
+scale on a coarse grid; at every step the present value is compared with its neighbours, and that
+of the disturbance with the one of an effort, by the evidence, the probability of the samples with
+everything else integrated out (Laplace's approximation, exact except for theta).
 """
 
 import math
@@ -145,8 +145,9 @@ NO_EVENTS: IntArray = np.zeros(0, dtype=np.int64)
 # A step that gains less than this is as good as exact [nat]; a longer one is tried so often, with
 # a damping that rises from trial to trial and falls from step to step.
 _CERTAIN, _TRIALS = 2.0, 5
-# Share of the largest step within which the model is linear, along a valley of the cost too.
-_NEAR = 0.02
+# Share of the largest step, and step of c, within which the model is linear, along a valley of the
+# cost too.
+_NEAR, _STRAIGHT = 0.02, 1e-3
 _LEAST_DAMPING, _RISES, _FALLS = 1e-7, 30.0, 0.1
 # A response that has changed by no more than this share leaves the equations as they are.
 _SAME = 1e-3
@@ -158,6 +159,8 @@ _LIKELY = 4.0
 # Degrees of freedom of the Student distributions of increments and second differences of the
 # disturbance: the first are alike but for an effort, the second mostly small and some large.
 _FREEDOM: FloatArray = np.array([[4.0], [1.0]])
+# An effort begins from one step to the next: it is so many places livelier than a drift.
+_EFFORT = 6
 # Variance of unknowns that could not be solved for.
 _UNKNOWN = 1e12
 # Squares of both, relative to their variances, that are assumed where none were estimated yet.
@@ -194,6 +197,8 @@ class Window:
         Last index in `LIVELINESS` that the disturbance may have.
     changes : bool
         Whether the muscle may change.
+    effort : bool
+        Whether an effort may begin from one step to the next.
     """
 
     first_ns: int
@@ -205,6 +210,7 @@ class Window:
     start: StartLevels | None = None
     liveliest: int = len(LIVELINESS) - 1
     changes: bool = True
+    effort: bool = False
 
     @property
     def without_past(self) -> 'Window':
@@ -538,6 +544,11 @@ def _grids(window: Window, knowledge: WindowPrior) -> list[tuple[str, FloatArray
     return (changes if window.changes else []) + (shape if free else [])
 
 
+def _moves(window: Window, name: str) -> tuple[int, ...]:
+    """Return how far a scale of the disturbance may go."""
+    return (-1, 1, _EFFORT) if window.effort and name == 'disturbance' else (-1, 1)
+
+
 def _best_scales(at: Linearised, fit: WindowFit) -> tuple[Scales, _Solution, list[_Solution]]:
     """Return the scales with the largest evidence among the neighbours of the present ones.
 
@@ -551,7 +562,7 @@ def _best_scales(at: Linearised, fit: WindowFit) -> tuple[Scales, _Solution, lis
     tried = [] if solution is None else [solution]
     for name, most in last.items():
         present = getattr(best, name)
-        for place in (present - 1, present + 1):
+        for place in (present + away for away in _moves(window, name)):
             if not 0 <= place <= most:
                 continue
             trial = replace(best, **{name: place})
@@ -619,9 +630,8 @@ def gauss_newton_steps(
         before = fit.variance
         after = _move(fit, at, solution, tried)
         settled = np.abs(fit.moved) < 0.05 * np.sqrt(np.diag(fit.covariance)[: len(fit.moved)])
-        # a step that was refused is no end, unless the next samples bring the next one
-        ends = (window.changes or fit.moved.any()) and settled.all()
-        if ends and fit.variance > 0.5 * before:
+        # a step that was refused is no end
+        if fit.moved.any() and settled.all() and fit.variance > 0.5 * before:
             break
     return at
 
@@ -669,8 +679,9 @@ def _move(
         step = solution.damped(fit.damping)
     step = _limited(at, solution, step)
     near = np.abs(step[:PARAMETERS] / _LARGEST_STEP).max() < _NEAR
-    # a window that moves on finds its way with the next samples
-    if certain and (near or at.window.changes):
+    bend = np.abs(step[PARAMETERS : len(at.point.theta) - 2]).max()
+    # the step before was a mean over likely scales: of the prior of c a short one gains much
+    if near and (certain or bend < _STRAIGHT):
         _accept(fit, at, solution, step, covariance)
         _refresh_noise(fit, at)
         return None
@@ -684,9 +695,8 @@ def _move(
         if other is not None:
             cost, rest_there = other.projected()
             if cost <= least + _CERTAIN:
-                if not at.window.changes:
-                    # of where it leads: along the valley, that of here has another direction
-                    covariance = scaled_inverse(other.hessian)
+                # of where it leads: along the valley, that of here has another direction
+                covariance = scaled_inverse(other.hessian)
                 _accept(fit, at, solution.with_cost(cost), step, covariance)
                 fit.point = moved(trial.point, rest_there)
                 fit.levels = disturbance_at(reduced, rest_there)

@@ -31,8 +31,8 @@ from rpms_ros.pulses import FloatArray
 
 PARAMETERS = len(PARAMETER_NAMES)
 """Parameters of the arctangents: u_thr, u_sat, alpha_sat, alpha_thr."""
-SINES, MOST_SINES = 20, 32
-"""Elements of c: what seconds of samples bear, and what a whole recording does."""
+SINES, WINDOW_SINES, MOST_SINES = 20, 24, 32
+"""Elements of c: of the recursion, of a window of a minute, and of a whole recording."""
 SUMMATION = slice(-2, None)
 """Where kappa stands in theta, behind c: of longer and of shorter intervals."""
 _LONGER, _SHORTER = -2, -1

@@ -212,10 +212,15 @@ def test_a_sensor_with_a_sample_in_an_interval_can_be_fitted(living_sessions):
 
 
 def test_an_effort_before_the_muscle_is_known_does_not_hold_the_fit(living_sessions):
-    """Taken for the muscle at first, an effort at 6 s kept the fit 30 % wrong until 17 s."""
+    """Taken for the muscle, an effort at 6 s left the fit 30 % wrong for at least five seconds.
+
+    No disturbance a little livelier than a drift explains it better than another muscle does.
+    """
     session = living_sessions.session('bursts', 'sinusoid', 15, 15.0)
     _, estimates = run(session)
-    assert errors(session, estimates)[session.noted_s > 12.0].max() < 0.01
+    error = errors(session, estimates)
+    assert error[session.noted_s >= 6.0].max() < 0.15
+    assert error[session.noted_s > 12.0].max() < 0.01
 
 
 @pytest.mark.parametrize(
@@ -422,17 +427,37 @@ def test_a_muscle_that_is_not_held_is_doubted(league, excitation):
     assert found.verdict.grade != 'good'
 
 
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ('muscle', 'excitation', 'seed'),
+    [('pools', 'sinusoid', 0), ('pools', 'random', 0), ('gauss', 'sinusoid', 1)],
+)
+def test_a_muscle_of_another_kind_has_a_narrow_interval(league, muscle, excitation, seed):
+    """8 % where steps along a valley of the cost were not tried; 2 % where bases differ in it."""
+    arrays, truth = league.session(muscle, excitation, seed)
+    found = rpms_ros.from_arrays(*arrays).identify('tracking')
+    last = found.estimates.last
+    # bench/league.py: 0.26 % and 1.4 % at the most
+    assert np.abs(last.curve_force - truth).max() < 0.004 * truth.max()
+    assert (last.curve_upper - last.curve_lower).max() < 0.03 * truth.max()
+    assert ((last.curve_lower <= truth) & (truth <= last.curve_upper)).mean() > 0.9
+    assert found.verdict.grade == 'good'
+
+
 @pytest.mark.parametrize('excitation', ['random', 'sinusoid'])
 def test_a_pause_at_the_end_widens_the_interval_by_what_a_muscle_recovers(league, excitation):
-    """Eight seconds of fatigue and eight of rest: 7 % beside 1.4 % where recovery was a change."""
+    """Eight seconds of fatigue and eight of rest: 7 % beside 1.4 % where recovery was a change.
+
+    Under the sinusoid 2 to 5 % where pulses that recruit nothing did not let the muscle recover.
+    """
     arrays, truth = league.session('rests', excitation, 1)
     last = rpms_ros.from_arrays(*arrays).identify('tracking').estimates.last
-    assert np.abs(last.curve_force - truth).max() < 0.03 * truth.max()
+    assert np.abs(last.curve_force - truth).max() < 0.015 * truth.max()
     assert last.curve_lower[-1] <= truth[-1] <= last.curve_upper[-1]
 
 
 @pytest.mark.parametrize(
-    ('excitation', 'seed', 'bound'), [('sinusoid', 2, 0.06), ('random', 4, 0.01)]
+    ('excitation', 'seed', 'bound'), [('sinusoid', 2, 0.01), ('random', 4, 0.01)]
 )
 def test_a_burst_is_no_change_and_no_other_basis(living_sessions, excitation, seed, bound):
     """A change that was named while the curve was not known: 98 %; another basis: 5 %."""
