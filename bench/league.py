@@ -5,6 +5,7 @@
 `python bench/league.py [--seeds 3] [--muscles boltzmann ...] [--estimators batch scipy ...]`
 `python bench/league.py --drawn 1000 [--first 0] [--estimators batch ...]`
 `python bench/league.py --steady 240 [--first 0] [--estimators recursive ...]`
+`python bench/league.py --begin [--seeds 10] [--estimators tracking ...]`
 
 Random people with a recruitment of another shape, another summation, or something beside the
 stimulation, simulated here without code of the package: 60 s at 20 Hz with 0.5 % noise, random
@@ -24,6 +25,9 @@ family with nothing beside the stimulation were doubted.
 With --steady, each session is of five minutes of a muscle that does not change, with pulses that
 are not heard, intervals that vary by 8 ms, glitches of the sensor, or all three; those in which a
 change is named are printed.
+
+With --begin, how soon the curve of a new muscle, `arctan`, stays within 1 % of its maximum, and
+the same bounds of the curve's worst point after so long, as medians over people.
 """
 
 import argparse
@@ -346,11 +350,19 @@ def watch(chosen):
     print(f'{chosen.steady / 12.0:.1f} h, changes named: {dict(named)}')
 
 
-def least(bound, excitation, seed):
+def beginning(arrays, seconds):
+    """Return so much of pulses and force."""
+    grid, force, onset, intensity = arrays
+    seen, given = grid < seconds, onset < seconds
+    return grid[seen], force[seen], onset[given], intensity[given]
+
+
+def least(bound, excitation, seed, seconds=SECONDS):
     """Return this bound (101,) of the curve of `arctan`, for a maximum of 1."""
     generator = np.random.default_rng([seed, zlib.crc32(b'arctan')])
     one = person(generator)
-    (grid, _, onset, intensity), truth = session('arctan', excitation, seed)
+    arrays, truth = session('arctan', excitation, seed)
+    grid, _, onset, intensity = beginning(arrays, seconds)
     gain = truth.max() / (RATE * arctan(U, one).max())
     alphas = math.log(one['a_thr']), math.log(one['a_sat'])
     twitch = math.log(one['time_constant']), one['latency']
@@ -372,6 +384,31 @@ def identified(name, arrays, truth, rate=RATE):
     held = (last.curve_lower <= truth) & (truth <= last.curve_upper)
     half = (last.curve_upper - last.curve_lower).max() / 2.0
     return last.curve_force, half, held, [found.verdict.grade, *last.doubts], spent
+
+
+def within(name, excitation, seed):
+    """Return after how many seconds the curve of `arctan` stays within 1 %."""
+    arrays, truth = session('arctan', excitation, seed)
+    found = rpms_ros.from_arrays(*beginning(arrays, 12.0)).identify(name, rate_hz=RATE)
+    wrong = 0.0
+    for one in found.estimates.estimates:
+        known = len(one.curve_force) and np.abs(one.curve_force - truth).max() < 0.01 * truth.max()
+        wrong = wrong if known else 1e-9 * one.stamp_ns
+    return wrong
+
+
+def begin(chosen):
+    """Print how soon a new muscle is known, and when it can be."""
+    for excitation, moments in (('random', (5.0,)), ('sinusoid', (4.0, 4.5, 5.0))):
+        for name in chosen.estimators:
+            after = [within(name, excitation, seed) for seed in range(chosen.seeds)]
+            print(f'{excitation:12} {name:10} within 1 % after {np.median(after):.1f} s (median)')
+        for seconds in moments:
+            line = f'{excitation:12} bound after {seconds} s:'
+            for which, bound in (('', peers.bound), (', of any shape', peers.free_bound)):
+                known = [least(bound, excitation, one, seconds) for one in range(chosen.seeds)]
+                line += f'{which} {100.0 * np.median(np.max(known, axis=1)):.2f} %'
+            print(line, flush=True)
 
 
 def without_a_word(words, error, held):
@@ -414,9 +451,10 @@ def main():
     parser.add_argument('--steady', type=int, default=0, help='how many without a change')
     parser.add_argument('--first', type=int, default=0, help='number of the first such session')
     parser.add_argument('--every', action='store_true', help='print all drawn sessions')
+    parser.add_argument('--begin', action='store_true', help='how soon a new muscle is known')
     chosen = parser.parse_args()
-    if chosen.drawn or chosen.steady:
-        (draw if chosen.drawn else watch)(chosen)
+    if chosen.drawn or chosen.steady or chosen.begin:
+        (begin if chosen.begin else draw if chosen.drawn else watch)(chosen)
         return
     print('muscle       intensities  estimator   error, median / worst   half   coverage   time')
     silent = 0

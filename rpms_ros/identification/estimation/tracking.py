@@ -658,8 +658,7 @@ class TrackingEstimator(ProjectionEstimator):
             # a muscle that rests at times recovers while pulses recruit nothing, too
             recruiting_ns = self._acting_ns(_RECRUITS)
             knots, pauses = knots_of_change(recruiting_ns, first_ns, now_ns, self._lag())
-        fixed = first_ns, now_ns, INTERVAL_NS, knots, pauses, self._origin
-        window = Window(*fixed, effort=True)
+        window = Window(first_ns, now_ns, INTERVAL_NS, knots, pauses, self._origin)
         # without a known response there is no slow change
         return window if self._schedule.begun else window.without_past
 
@@ -791,8 +790,7 @@ class TrackingEstimator(ProjectionEstimator):
     def _choice(self) -> BasisChoice:
         """Return the choice of a basis for the newest samples."""
         prior = self._of_any_shape(self._prior)
-        # with an effort where it begins, any basis explains a slow sinusoid
-        span = replace(self._span(self._compared_from()), effort=False)
+        span = self._span(self._compared_from())
         rates = None if self._tremor.frequency else repetition_rates(self._problem.blocks)
         return BasisChoice(self._raw, self._basis, self._window, prior, span, rates)
 

@@ -161,6 +161,8 @@ _LIKELY = 4.0
 _FREEDOM: FloatArray = np.array([[4.0], [1.0]])
 # An effort begins from one step to the next: it is so many places livelier than a drift.
 _EFFORT = 6
+# One explains samples so much better [nat]; what is less may be a latency that jitters.
+_SURE = 100.0
 # Variance of unknowns that could not be solved for.
 _UNKNOWN = 1e12
 # Squares of both, relative to their variances, that are assumed where none were estimated yet.
@@ -197,8 +199,6 @@ class Window:
         Last index in `LIVELINESS` that the disturbance may have.
     changes : bool
         Whether the muscle may change.
-    effort : bool
-        Whether an effort may begin from one step to the next.
     """
 
     first_ns: int
@@ -210,7 +210,6 @@ class Window:
     start: StartLevels | None = None
     liveliest: int = len(LIVELINESS) - 1
     changes: bool = True
-    effort: bool = False
 
     @property
     def without_past(self) -> 'Window':
@@ -544,9 +543,30 @@ def _grids(window: Window, knowledge: WindowPrior) -> list[tuple[str, FloatArray
     return (changes if window.changes else []) + (shape if free else [])
 
 
-def _moves(window: Window, name: str) -> tuple[int, ...]:
-    """Return how far a scale of the disturbance may go."""
-    return (-1, 1, _EFFORT) if window.effort and name == 'disturbance' else (-1, 1)
+def _best_disturbance(
+    at: Linearised, variance: float, scales: Scales
+) -> tuple[Scales, _Solution | None, list[_Solution]]:
+    """Return the scales with the best ones of the disturbance, see `_best_scales`."""
+    last = {'disturbance': at.window.liveliest, 'increment': len(INCREMENTS) - 1}
+    last['increment'] *= scales.disturbance >= _LEAST_MOVING
+    scales = best = replace(scales, **{one: min(getattr(scales, one), last[one]) for one in last})
+    solution = _solution(at, at.reduced(variance, scales), scales)
+    tried = [] if solution is None else [solution]
+    moves = [(name, away, 0.0) for name in last for away in (-1, 1)]
+    for name, away, least in (*moves, ('disturbance', _EFFORT, _SURE)):
+        place = getattr(scales, name) + away
+        if not 0 <= place <= last[name]:
+            continue
+        trial = replace(best, **{name: place})
+        other = _solution(at, at.reduced(variance, trial), trial)
+        if other is None:
+            continue
+        better = solution is None or other.evidence > solution.evidence + least
+        if better or not least:
+            tried.append(other)
+        if better:
+            best, solution = trial, other
+    return best, solution, tried
 
 
 def _best_scales(at: Linearised, fit: WindowFit) -> tuple[Scales, _Solution, list[_Solution]]:
@@ -554,34 +574,19 @@ def _best_scales(at: Linearised, fit: WindowFit) -> tuple[Scales, _Solution, lis
 
     With the solution, and all solutions tried.
     """
-    variance, scales, window = fit.weighting_variance, fit.scales, at.window
-    last = {'disturbance': window.liveliest, 'increment': len(INCREMENTS) - 1}
-    last['increment'] *= scales.disturbance >= _LEAST_MOVING
-    scales = best = replace(scales, **{one: min(getattr(scales, one), last[one]) for one in last})
-    solution = _solution(at, at.reduced(variance, scales), scales)
-    tried = [] if solution is None else [solution]
-    for name, most in last.items():
-        present = getattr(best, name)
-        for place in (present + away for away in _moves(window, name)):
-            if not 0 <= place <= most:
-                continue
-            trial = replace(best, **{name: place})
-            other = _solution(at, at.reduced(variance, trial), trial)
-            tried += [] if other is None else [other]
-            if other is not None and (solution is None or other.evidence > solution.evidence):
-                best, solution = trial, other
-    for name, grid in _grids(window, at.knowledge):
+    best, solution, tried = _best_disturbance(at, fit.weighting_variance, fit.scales)
+    if solution is None:
+        raise np.linalg.LinAlgError
+    for name, grid in _grids(at.window, at.knowledge):
         for move in (-1, 1):
             place = getattr(best, name) + move
-            if not 0 <= place < len(grid) or solution is None:
+            if not 0 <= place < len(grid):
                 continue
             trial = replace(best, **{name: place})
             other = _solution(at, solution.reduced, trial)
             tried += [] if other is None else [other]
             if other is not None and other.evidence > solution.evidence:
                 best, solution = trial, other
-    if solution is None:
-        raise np.linalg.LinAlgError
     return best, solution, tried
 
 

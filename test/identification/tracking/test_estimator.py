@@ -444,6 +444,13 @@ def test_a_muscle_of_another_kind_has_a_narrow_interval(league, muscle, excitati
     assert found.verdict.grade == 'good'
 
 
+def test_a_latency_that_jitters_is_no_effort(league):
+    """1.1 % with an interval of 1 % where it was taken for one."""
+    arrays, truth = league.session('jitter', 'random', 0, 20.0)
+    last = rpms_ros.from_arrays(*arrays).identify('tracking').estimates.last
+    assert np.abs(last.curve_force - truth).max() < 0.004 * truth.max()
+
+
 @pytest.mark.parametrize('excitation', ['random', 'sinusoid'])
 def test_a_pause_at_the_end_widens_the_interval_by_what_a_muscle_recovers(league, excitation):
     """Eight seconds of fatigue and eight of rest: 7 % beside 1.4 % where recovery was a change.
