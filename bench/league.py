@@ -102,7 +102,8 @@ SITUATIONS = [
     *('doublets', 'ding', 'slip', 'effort', 'heart', 'hum', 'rests', 'length', 'release'),
     *('filter', 'jitter', 'lost', 'late'),
 ]
-MUSCLES = [*RECRUITMENTS, *SITUATIONS]
+# the last one is never drawn
+MUSCLES = [*RECRUITMENTS, *SITUATIONS, 'sway']
 EXCITATIONS = ['random', 'sinusoid', 'upper', 'staircase', 'groups', 'catch']
 
 
@@ -203,19 +204,21 @@ def tired(onset, intensity, one):
     return share, 1.0 - (1.0 - left) * math.exp(-(one['seconds'] - last) / RECOVERY)
 
 
-def slipped(one, at):
-    """Return a person whose coil has slipped for a time [s]."""
-    return one | {name: one[name] + 0.1 * at / one['seconds'] for name in ('thr', 'sat')}
+def slipped(kinds, one, at):
+    """Return a person whose coil has slipped for a time [s], or sways."""
+    way = 0.1 * at / one['seconds'] if 'slip' in kinds else 0.03 * math.sin(at * math.pi / 20.0)
+    return one | {name: one[name] + way for name in ('thr', 'sat')}
 
 
 def contraction(kinds, grid, onset, intensity, one, generator):
     """Return the force of the stimulated muscle and its true curve at the end."""
     shape, rate = RECRUITMENTS[kinds[0]], one['rate']
     recruited, truth = shape(intensity, one), rate * shape(U, one)
-    if 'slip' in kinds:
-        pairs = zip(intensity, onset, strict=True)
-        recruited = np.array([shape(np.array([u]), slipped(one, at))[0] for u, at in pairs])
-        truth = rate * shape(U, slipped(one, one['seconds']))
+    if 'slip' in kinds or 'sway' in kinds:
+        people = [slipped(kinds, one, at) for at in onset]
+        pairs = zip(intensity, people, strict=True)
+        recruited = np.array([shape(np.array([u]), then)[0] for u, then in pairs])
+        truth = rate * shape(U, slipped(kinds, one, one['seconds']))
     if 'rests' in kinds:
         share, left = tired(onset, intensity, one)
         recruited, truth = recruited * share, truth * left

@@ -553,7 +553,8 @@ def _best_disturbance(
     solution = _solution(at, at.reduced(variance, scales), scales)
     tried = [] if solution is None else [solution]
     moves = [(name, away, 0.0) for name in last for away in (-1, 1)]
-    for name, away, least in (*moves, ('disturbance', _EFFORT, _SURE)):
+    moves += [('disturbance', _EFFORT, _SURE)] if at.window.changes else []
+    for name, away, least in moves:
         place = getattr(scales, name) + away
         if not 0 <= place <= last[name]:
             continue
