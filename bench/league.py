@@ -353,6 +353,9 @@ def watch(chosen):
     print(f'{chosen.steady / 12.0:.1f} h, changes named: {dict(named)}')
 
 
+BOUNDS = {'': peers.bound, ' of any shape': peers.free_bound}
+
+
 def beginning(arrays, seconds):
     """Return so much of pulses and force."""
     grid, force, onset, intensity = arrays
@@ -407,11 +410,11 @@ def begin(chosen):
             after = [within(name, excitation, seed) for seed in range(chosen.seeds)]
             print(f'{excitation:12} {name:10} within 1 % after {np.median(after):.1f} s (median)')
         for seconds in moments:
-            line = f'{excitation:12} bound after {seconds} s:'
-            for which, bound in (('', peers.bound), (', of any shape', peers.free_bound)):
+            said = []
+            for which, bound in BOUNDS.items():
                 known = [least(bound, excitation, one, seconds) for one in range(chosen.seeds)]
-                line += f'{which} {100.0 * np.median(np.max(known, axis=1)):.2f} %'
-            print(line, flush=True)
+                said.append(f'{which} {100.0 * np.median(np.max(known, axis=1)):.2f} %')
+            print(f'{excitation:12} bound after {seconds} s:{",".join(said)}', flush=True)
 
 
 def without_a_word(words, error, held):
@@ -482,10 +485,10 @@ def main():
                 )
                 if muscle == 'arctan':
                     rms = 100.0 * np.sqrt(np.mean(np.square(off)))
-                    for which, bound in (('', peers.bound), ('of any shape ', peers.free_bound)):
+                    for which, bound in BOUNDS.items():
                         known = [least(bound, excitation, seed) for seed in range(chosen.seeds)]
                         deviation = 100.0 * np.sqrt(np.mean(np.square(known)))
-                        line += f'  bound {which}{deviation:.4f} %, ratio {rms / deviation:.2f}'
+                        line += f'  bound{which} {deviation:.4f} %, ratio {rms / deviation:.2f}'
                 print(line, flush=True)
     print(f'silent: {silent}')
 

@@ -553,6 +553,7 @@ def _best_disturbance(
     solution = _solution(at, at.reduced(variance, scales), scales)
     tried = [] if solution is None else [solution]
     moves = [(name, away, 0.0) for name in last for away in (-1, 1)]
+    # where one muscle explains all, a sensor's filter would pass for an effort
     moves += [('disturbance', _EFFORT, _SURE)] if at.window.changes else []
     for name, away, least in moves:
         place = getattr(scales, name) + away
@@ -563,6 +564,7 @@ def _best_disturbance(
         if other is None:
             continue
         better = solution is None or other.evidence > solution.evidence + least
+        # of an effort that is not, the mean over likely scales has nothing either
         if better or not least:
             tried.append(other)
         if better:
