@@ -216,7 +216,10 @@ class BasisChoice:
         """
         key = basis, rough
         if key not in self._found:
-            self._found[key] = self._judged(basis, rough)
+            found = self._judged(basis, rough)
+            # more steps may lead astray
+            others = [] if rough else [self._found.get((basis, True), found)]
+            self._found[key] = max((found, *others), key=lambda one: one.fit.likelihood)
         return self._found[key]
 
     def _likelihood(self, basis: LaguerreBasis) -> float:

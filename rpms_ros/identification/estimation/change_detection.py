@@ -37,7 +37,6 @@ from rpms_ros.identification.estimation.blocks import ring_order
 from rpms_ros.identification.estimation.prior import WindowPrior
 from rpms_ros.identification.estimation.settings import Problem
 from rpms_ros.identification.estimation.window_equations import (
-    SLOPES,
     Origin,
     Point,
     steady,
@@ -212,7 +211,7 @@ def after(before: Snapshot, kind: str, knowledge: WindowPrior, window: Window) -
     rested = any(pause and age < distance for age, pause in zip(ages, window.pauses, strict=False))
     recovered = _RECOVERED if rested else 0.0
     # against now, relative, at the first knot of the past
-    change, slowing = point.speed
+    change, slowing = point.speed[:2]
     covariance = before.covariance.copy()
     for moved in (
         (_RESTLESS + recovered + _GOES_ON * abs(change) * distance) * point.linear,
@@ -259,9 +258,9 @@ def explain(
     `known` is what is known after a change of this kind, see `after`.
     """
     functions = len(before.point.linear)
-    unknowns = len(before.point.theta) + functions + SLOPES
+    unknowns = len(before.point.theta) + functions
     point = steady(before.point.theta, before.point.linear)
-    scales = replace(before.fit.scales, disturbance=disturbance, increment=0, slope=0)
+    scales = replace(before.fit.scales, disturbance=disturbance, increment=0, thresholds=0)
     fit = replace(
         before.fit,
         point=point,

@@ -77,10 +77,14 @@ class Uncertainty(NamedTuple):
         Of the recruitment and w.
     confidence : float
         Level of the intervals.
+    theta, linear : ndarray (recruitment,), (functions,)
+        Where the covariance holds.
     """
 
     covariance: FloatArray
     confidence: float
+    theta: FloatArray
+    linear: FloatArray
 
     @property
     def quantile(self) -> float:
@@ -90,7 +94,7 @@ class Uncertainty(NamedTuple):
     def without(self, part: slice) -> 'Uncertainty':
         """Return that of the others, whatever these of the recruitment are."""
         rest = np.delete(np.delete(self.covariance, part, axis=0), part, axis=1)
-        return Uncertainty(rest, self.confidence)
+        return self._replace(covariance=rest)
 
     def with_misfit(self, share: float, deviation: FloatArray) -> 'Uncertainty':
         """Return the uncertainty where the response is wrong by a share of its area.
@@ -102,7 +106,7 @@ class Uncertainty(NamedTuple):
         most = np.maximum(deviation**2 - np.diag(self.covariance)[:PARAMETERS], 0.0)
         covariance = self.covariance.copy()
         covariance[place, place] += np.minimum((share * _TAKEN_UP) ** 2, most)
-        return Uncertainty(covariance, self.confidence)
+        return self._replace(covariance=covariance)
 
     def half_width(self, gradient: FloatArray, misfit: FloatArray | float = 0.0) -> FloatArray:
         """Return half the interval (n,) of quantities with this gradient (n, unknowns).
@@ -624,16 +628,18 @@ class EstimateBuilder:
         if not high - low >= SMALLEST_INTENSITY_SPAN:
             return {'curve_force': np.empty(0)}
         area = self._rate_hz * self._basis.area
-        rho, slopes = self._recruitment(CURVE_INTENSITY, found.theta)
+        rho, _ = self._recruitment(CURVE_INTENSITY, found.theta)
         gain = float(area @ found.linear)
         curve = gain * rho
         if sure is None:
             return {'curve_force': curve}
+        height, slopes = self._recruitment(CURVE_INTENSITY, sure.theta)
+        gradient = np.hstack((float(area @ sure.linear) * slopes, np.outer(height, area)))
         # an error of the shape does not end where the recruitment is small
         shape = _SHAPE * rho[-1] * np.minimum(CURVE_INTENSITY / _LOW, 1.0)
         error = self._rate_hz * found.area_error
         misfit = np.hypot(error * rho, max(error, MISFIT * abs(gain)) * shape)
-        half = sure.half_width(np.hstack((gain * slopes, np.outer(rho, area))), misfit)
+        half = sure.half_width(gradient, misfit)
         lower, upper = curve - half, curve + half
         # below the lowest intensity the force is only known to be no larger than there
         unseen = low > CURVE_INTENSITY
@@ -644,11 +650,14 @@ class EstimateBuilder:
     def _response(self, found: Muscle, sure: Uncertainty | None) -> dict[str, Any]:
         """Return the response to a pulse of full intensity, and its physiology."""
         linear = found.linear
-        rho, slopes = recruitment_curve(np.ones(1), found.theta)
+        rho, _ = recruitment_curve(np.ones(1), found.theta)
         response = rho[0] * (self._values @ linear)
         if sure is None:
             return {'response_force': response}
-        to_coefficients = np.hstack((np.outer(linear, slopes[0]), rho[0] * np.eye(len(linear))))
+        height, slopes = recruitment_curve(np.ones(1), sure.theta)
+        to_coefficients = np.hstack(
+            (np.outer(sure.linear, slopes[0]), height[0] * np.eye(len(linear)))
+        )
         share = max(MISFIT, self._share(found))
         misfit = share * rho[0] * np.linalg.norm(linear) * np.linalg.norm(self._values, axis=1)
         half = sure.half_width(self._values @ to_coefficients, misfit)

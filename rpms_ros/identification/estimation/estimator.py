@@ -105,9 +105,8 @@ class ProjectionEstimator:
     @property
     def parameters(self) -> RecruitmentParameters:
         """Arctangents that are nearest to the present recruitment."""
-        return RecruitmentParameters(
-            *nearest_arctangents(self._predictor.theta[: SUMMATION.start])[0].tolist()
-        )
+        nearest, _ = nearest_arctangents(self._theta[: SUMMATION.start])
+        return RecruitmentParameters(*nearest.tolist())
 
     @property
     def linear(self) -> FloatArray:
@@ -144,7 +143,7 @@ class ProjectionEstimator:
         nonlinear = len(fit.point.theta)
         own = slice(nonlinear, nonlinear + len(fit.point.linear))
         found = Muscle(
-            predictor.theta[: SUMMATION.start],
+            self._theta[: SUMMATION.start],
             predictor.linear,
             predictor.levels,
             moved=float(np.abs(fit.moved[:PARAMETERS]).max()),
@@ -160,6 +159,11 @@ class ProjectionEstimator:
             counted.add(name, count)
         counted.add(FACTORISATION_FAILED, fit.failures)
         return self._builder.make(stamp_ns, found, sure, deviation, counters, counted.counts())
+
+    @property
+    def _theta(self) -> FloatArray:
+        """Theta of now."""
+        return self._predictor.theta
 
     def fitted(self) -> FittedMuscle | None:
         """Return the muscle for a warm start, None where no recruitment is known."""

@@ -25,11 +25,7 @@ from scipy.special import chdtri
 
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.estimation.settings import PRIOR, ProjectionSettings
-from rpms_ros.identification.estimation.window_equations import (
-    SLOPES,
-    Point,
-    time_scale_derivative,
-)
+from rpms_ros.identification.estimation.window_equations import Point, time_scale_derivative
 from rpms_ros.identification.model.basis import LaguerreBasis, conversion
 from rpms_ros.identification.model.estimate import Estimator
 from rpms_ros.identification.model.recruitment import (
@@ -51,6 +47,11 @@ _LOST = 0.01
 # Standard deviations of the change of the slope over a unit of time, and of increments besides,
 # relative to the slope.
 _SLOPE_WALK, _SLOPE_NOISE = 0.15, 0.02
+# The same for the thresholds: a coil moves less evenly than a muscle tires, and it moves both, so
+# that their changes are correlated.
+_COIL_WALK, _TOGETHER = 0.5, 0.95
+_COUPLING: FloatArray = np.eye(4)
+_COUPLING[2:, 2:] = np.linalg.inv([[1.0, _TOGETHER], [_TOGETHER, 1.0]])
 # A muscle recovers in a pause as fast as it tires otherwise, until this many units of time have
 # passed; from pause to pause that differs by this share.
 _RECOVERY, _RECOVERY_NOISE = 3.0, 0.4
@@ -70,21 +71,18 @@ class Terms(NamedTuple):
         Cost.
     deviation : ndarray (sines,)
         c.
-    walk : ndarray (knots, knots)
-        Information about a slow change of scale 1.
-    changes : ndarray (2, knots)
-        Gain and slowing at the knots of the past.
-    slope : ndarray (2,)
-        Of u_thr and u_sat, per interval of age.
+    walks : ndarray (2, knots, knots)
+        Information about a slow change of scale 1: of the muscle, and of the thresholds.
+    changes : ndarray (4, knots)
+        Gain, slowing, u_thr and u_sat at the knots of the past.
     """
 
     matrix: FloatArray
     gradient: FloatArray
     cost: float
     deviation: FloatArray
-    walk: FloatArray
+    walks: FloatArray
     changes: FloatArray
-    slope: FloatArray
 
 
 @numba.njit(cache=True)
@@ -97,9 +95,8 @@ def add_prior(
     ----------
     terms : Terms
         At the point of the equations.
-    scales : ndarray (3,)
-        Change of force and of time constant from knot to knot (relative), of u_thr and u_sat
-        from interval to interval.
+    scales : ndarray (4,)
+        Change of force and of time constant (relative), of u_thr and of u_sat from knot to knot.
     variance : ndarray
         Of the deviation c, at least as many as there are.
     matrix, right : ndarray (unknowns, unknowns), (unknowns,)
@@ -116,25 +113,21 @@ def add_prior(
     matrix[:joint, :joint] += known
     right[:joint] += terms.gradient
     logarithm = log_determinant(known)
-    for which in range(2):
-        information = 1.0 / scales[which] ** 2
-        first = joint + which * knots
-        for row in range(knots):
-            pull = 0.0
-            for column in range(knots):
-                value = information * terms.walk[row, column]
-                matrix[first + row, first + column] += value
-                pull += value * terms.changes[which, column]
-            right[first + row] -= pull
-            cost += pull * terms.changes[which, row]
+    for which in range(len(scales)):
         logarithm -= 2.0 * knots * np.log(scales[which])
-    information = 1.0 / scales[2] ** 2
-    for index in range(SLOPES):
-        place = joint + 2 * knots + index
-        matrix[place, place] += information
-        right[place] -= information * terms.slope[index]
-        cost += information * terms.slope[index] ** 2
-        logarithm -= 2.0 * np.log(scales[2])
+        for other in range(len(scales)):
+            share = _COUPLING[which, other] / (scales[which] * scales[other])
+            if share == 0.0:
+                continue
+            first, second = joint + which * knots, joint + other * knots
+            for row in range(knots):
+                pull = 0.0
+                for column in range(knots):
+                    value = share * terms.walks[which // 2, row, column]
+                    matrix[first + row, second + column] += value
+                    pull += value * terms.changes[other, column]
+                right[first + row] -= pull
+                cost += pull * terms.changes[which, row]
     return cost, logarithm
 
 
@@ -183,7 +176,7 @@ class WindowPrior:
         """Whether there is a result of samples before the window."""
         return bool(self.information.any())
 
-    def terms_at(self, point: Point, ridge: float, walk: FloatArray) -> 'Terms':
+    def terms_at(self, point: Point, ridge: float, walks: FloatArray) -> 'Terms':
         """Return what is known at a point, whatever the scales.
 
         Parameters
@@ -192,7 +185,7 @@ class WindowPrior:
             Where.
         ridge : float
             Information about each coefficient of w, around nothing.
-        walk : ndarray (knots, knots)
+        walks : ndarray (2, knots, knots)
             See `walk_information`.
         """
         theta = coordinates(point.theta)
@@ -213,9 +206,8 @@ class WindowPrior:
         matrix[place, place] += ridge
         gradient[nonlinear:] -= ridge * linear
         cost += ridge * float(linear @ linear)
-        changes = np.stack((point.gain, point.slowing))
         deviation = theta[PARAMETERS : SUMMATION.start]
-        return Terms(matrix, gradient, cost, deviation, walk, changes, point.slope)
+        return Terms(matrix, gradient, cost, deviation, walks, point.changes)
 
     def bounded(self, point: Point, step: FloatArray, hessian: FloatArray) -> FloatArray:
         """Return the step (unknowns,) with theta within its bounds, the rest solved again."""
@@ -309,10 +301,11 @@ def posterior_as_prior(knowledge: WindowPrior, fit: 'WindowFit') -> WindowPrior:
 
 @lru_cache(maxsize=64)
 def walk_information(lengths: tuple[float, ...], pauses: tuple[bool, ...]) -> FloatArray:
-    """Return the inverse covariance of a slow change at knots (knots, knots), which is 0 now.
+    """Return inverse covariances of slow changes at knots (2, knots, knots), which are 0 now.
 
-    The slope is a random walk that begins with a standard deviation of 1.  It rests in the pauses
-    of the stimulation: there the muscle recovers, by much the same in all of them.
+    The slope is a random walk that begins with a standard deviation of 1: the first that of a
+    muscle, which rests in the pauses of the stimulation: there it recovers, by much the same in
+    all of them; the second that of the thresholds.
 
     Parameters
     ----------
@@ -330,8 +323,12 @@ def walk_information(lengths: tuple[float, ...], pauses: tuple[bool, ...]) -> Fl
     alike = 1.0 + _RECOVERY_NOISE**2 * np.eye(knots)
     increments = np.outer(tired, tired) * slope + np.outer(recovered, recovered) * alike
     difference = np.eye(knots) - np.eye(knots, k=-1)
-    information: FloatArray = difference.T @ np.linalg.solve(increments, difference)
-    return information
+    place = np.cumsum(length) - length
+    moving = np.outer(length, length) * (1.0 + _COIL_WALK**2 * np.minimum.outer(place, place))
+    moving += _SLOPE_NOISE**2 * np.diag(length**2)
+    return np.stack(
+        [difference.T @ np.linalg.solve(one, difference) for one in (increments, moving)]
+    )
 
 
 def scaled_inverse(matrix: FloatArray) -> FloatArray:

@@ -48,6 +48,7 @@ from rpms_ros.identification.estimation.prior import (
 from rpms_ros.identification.estimation.settings import Problem, ProjectionSettings
 from rpms_ros.identification.estimation.tremor import SEARCHED_NS, Tremor, repetition_rates
 from rpms_ros.identification.estimation.window_equations import (
+    MOVING,
     no_change,
     steady,
     time_scale_derivative,
@@ -148,10 +149,8 @@ def _rates(fit: WindowFit, area: FloatArray) -> tuple[tuple[str, ...], FloatArra
     matrix = np.zeros((len(RATE_NAMES), len(fit.covariance)))
     matrix[0, base], matrix[0, base + knots] = -scale, -scale * by_slowing
     matrix[1, base + knots] = -scale
-    matrix[2, -2] = matrix[3, -1] = -a_minute
-    gain, slowing = float(fit.point.gain[0]), float(fit.point.slowing[0])
-    changed = np.zeros(len(fit.covariance))
-    changed[base], changed[base + knots], changed[-2:] = gain, slowing, fit.point.slope
+    matrix[2, base + 2 * knots] = matrix[3, base + 3 * knots] = -0.01 * scale
+    changed = np.concatenate((np.zeros(base), fit.point.changes.ravel()))
     variance = np.einsum('ij,jk,ik->i', matrix, fit.covariance, matrix)
     rate = matrix @ changed
     variance[:2] += np.square(_UNEVEN * rate[:2])
@@ -317,11 +316,10 @@ _BLOCKS_OF_PAUSES = 4
 _PAUSE_NS, _PAUSE_INTERVALS = 1_000_000_000, 4.0
 # Pulses that recruit less than this share let it recover.
 _RECRUITS = 0.03
-# The window ends where the muscle was so different that what it was then says little of now, seven
-# functions no longer hold the stretched response, and one slope not the moved recruitment.
+# The window ends where the muscle was so different that what it was then says little of now, and
+# seven functions no longer hold the stretched response.
 _LARGEST_GAIN = 0.25
 _LARGEST_SLOWING = 0.25
-_LARGEST_DRIFT = 0.03
 _SHORTEST_S = 20.0
 # That of the slowest muscle.
 _LONGEST_LAG_S = 0.3
@@ -370,6 +368,7 @@ class TrackingEstimator(ProjectionEstimator):
         self._schedule = BasisSchedule()
         self._turn = 0
         self._from_before = False
+        self._since_ns = 0
         self._knowledge = self._prior
         self._origin = no_change(functions)
         self._watch = ChangeWatch()
@@ -408,6 +407,9 @@ class TrackingEstimator(ProjectionEstimator):
             muscle = prediction[part] - self._disturbance(stamp_ns[part])
             self._tremor.add(stamp_ns[part], force[part], muscle, usable[part])
             prediction[part] += tremor
+            if self._last_ns is not None:
+                since_ns = self._since_ns + int(stamp_ns[last - 1]) - self._last_ns
+                self._since_ns = min(since_ns, self._step_ns)
             self._last_ns = int(stamp_ns[last - 1])
         return prediction
 
@@ -486,6 +488,13 @@ class TrackingEstimator(ProjectionEstimator):
         return doubted(described, doubts | {NOT_ISOMETRIC: fit.swing > _SWING})
 
     @property
+    def _theta(self) -> FloatArray:
+        """Theta of now: since the last fit the thresholds have gone on to change."""
+        theta = super()._theta.copy()
+        theta[:MOVING] -= self._since_ns / INTERVAL_NS * self._window.point.speed[-MOVING:]
+        return theta
+
+    @property
     def _now_ns(self) -> int:
         """Newest stamp [ns]."""
         assert self._last_ns is not None
@@ -519,6 +528,7 @@ class TrackingEstimator(ProjectionEstimator):
             knowledge = self._of_any_shape(self._knowledge)
             self._try_other_start(knowledge, self._span())
             at = gauss_newton_steps(self._problem, self._window, knowledge, self._span(), steps)
+            self._since_ns = 0
             self._window.swing = 0.0 if at is None else gain_swing(self._window, at)
             if at is not None:
                 self._window.left_out = short_events(self._window, at)
@@ -715,9 +725,7 @@ class TrackingEstimator(ProjectionEstimator):
         """Return the length of the window [ns], shorter for a muscle that changes fast."""
         point = self._window.point
         large = (np.abs(point.gain) > _LARGEST_GAIN) | (np.abs(point.slowing) > _LARGEST_SLOWING)
-        behind = _LARGEST_DRIFT / max(float(np.abs(point.slope).max()), 1e-9)
-        if large.any():
-            behind = min(behind, float(point.times[0] - point.times[int(np.argmax(large))]))
+        behind = point.times[0] - point.times[int(np.argmax(large))] if large.any() else np.inf
         seconds = behind * INTERVAL_NS / NANOSECONDS_PER_SECOND
         return round(min(max(seconds, _SHORTEST_S), self._longest) * NANOSECONDS_PER_SECOND)
 

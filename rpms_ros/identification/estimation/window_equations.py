@@ -4,14 +4,14 @@ r"""Normal equations of a muscle that changes slowly under a disturbance, from t
 
 The force of interval j, whose middle lies ``a_j`` intervals before now, is
 
-.. math:: f_j = (1 + \gamma_j) \left( Z e^{\delta_j D} w
-          + a_j (\sigma_1 \psi_1 + \sigma_2 \psi_2) \right) + B b
+.. math:: f_j = (1 + \gamma_j) Z e^{\delta_j D} w + B b
 
-with the *present* theta and w, gamma the relative change of the force and delta the change of
-the logarithm of the time constant against now (piecewise linear in a, 0 at a = 0), sigma the
-change of u_thr and u_sat from one interval to the next older one, and b a piecewise linear
-disturbance.  D is the derivative of the Laguerre functions by the logarithm of their time
-constant, so ``e^(delta D)`` stretches a response in time,
+with the *present* w, gamma the relative change of the force and delta the change of the logarithm
+of the time constant against now (piecewise linear in a, 0 at a = 0), and b a piecewise linear
+disturbance.  Z holds pulses as the theta of their time recruits them, ``theta + sigma``: sigma is
+the change of u_thr and u_sat against now (piecewise linear in a too).  D is the derivative of the
+Laguerre functions by the logarithm of their time constant, so ``e^(delta D)`` stretches a response
+in time,
 
 .. math:: D \phi_k = \tfrac12 \left( k \phi_{k-1} - (k + 1) \phi_{k+1} \right) ,
 
@@ -59,6 +59,8 @@ from rpms_ros.pulses import FloatArray, IntArray
 
 # Of the exponential series: the time constant changes by less than a factor of 2.
 _TERMS, _LAST_TERM = 16, 1e-10
+MOVING = 2
+"""Elements of theta that change slowly: u_thr, u_sat."""
 NO_SLOWING = 1e-5
 """A change of the time constant by a thousandth of a percent makes no difference."""
 
@@ -219,8 +221,22 @@ def no_change(functions: int) -> Origin:
 
 
 @numba.njit(cache=True)
+def _write_theta(point: 'Point', age: float, then: FloatArray) -> None:
+    """Write u_thr and u_sat of an age, in intervals, into theta."""
+    times, knot = point.times, 1
+    if len(times) < 2:
+        return
+    while knot < len(times) - 1 and times[0] - times[knot] < age:
+        knot += 1
+    share = (age - times[0] + times[knot - 1]) / (times[knot - 1] - times[knot])
+    for place in range(MOVING):
+        moved = _at_age(point.thresholds[place], knot - 1 + share)
+        then[place] = point.theta[place] + moved
+
+
+@numba.njit(cache=True)
 def condensed(
-    problem: Problem, point: 'Point', first_ns: int, length_ns: int, origin: Origin
+    problem: Problem, point: 'Point', first_ns: int, now_ns: int, length_ns: int, origin: Origin
 ) -> Intervals:
     """Return the intervals of the blocks `problem.first`.. at a point.
 
@@ -229,9 +245,9 @@ def condensed(
     problem : Problem
         Blocks; those before `first` only advance the state.
     point : Point
-        Point of linearisation; of it, theta and w are used.
-    first_ns, length_ns : int
-        Beginning of the first block and length of an interval [ns].
+        Point of linearisation; of it, theta, its change and w are used.
+    first_ns, now_ns, length_ns : int
+        Beginning of the first block, when theta holds, and length of an interval [ns].
     origin : Origin
         The force of pulses before it is subtracted from the samples.
     """
@@ -245,6 +261,7 @@ def condensed(
     slopes = np.zeros((functions, nonlinear))
     before, values = np.zeros(functions), np.zeros(functions)
     cleaned, rest = np.zeros((functions, 3)), np.zeros(blocks.moments.shape[1])
+    then = theta.copy()
     most = len(intervals.samples) - 1
     for index in range(blocks.size[0]):
         here = (blocks.head[0] + index) % len(blocks.start_ns)
@@ -259,8 +276,9 @@ def condensed(
         advance_state(blocks.transition[here], state)
         advance_states(blocks.transition[here], slopes)
         if blocks.intensity[here] != 0.0:
+            _write_theta(point, max(now_ns - start_ns, 0) / length_ns, then)
             state += problem.input_gain * counted_with_gradient(
-                blocks.intensity[here], blocks.weight[here], theta, slope
+                blocks.intensity[here], blocks.weight[here], then, slope
             )
             slopes += problem.input_gain * slope
         if index < problem.first or blocks.moments[here, COUNT] == 0.0:
@@ -288,9 +306,6 @@ def condensed(
     return intervals
 
 
-SLOPES = 2
-
-
 class Point(NamedTuple):
     """Point of linearisation: the present muscle and its slow change.
 
@@ -303,8 +318,8 @@ class Point(NamedTuple):
     gain, slowing : ndarray (knots,)
         Relative change of the force and change of the logarithm of the time constant at the
         knots, against now.
-    slope : ndarray (2,)
-        Change of u_thr and u_sat with the age, per interval.
+    thresholds : ndarray (2, knots)
+        Change of u_thr and u_sat at the knots, against now.
     times : ndarray (1 + knots,)
         When now is and the knots are, newest first, in intervals.
     """
@@ -313,24 +328,29 @@ class Point(NamedTuple):
     linear: FloatArray
     gain: FloatArray
     slowing: FloatArray
-    slope: FloatArray
+    thresholds: FloatArray
     times: FloatArray
 
     @property
-    def speed(self) -> tuple[float, float]:
-        """Change of gain and slowing with the age, per interval, since the newest knot."""
+    def changes(self) -> FloatArray:
+        """Gain, slowing, u_thr and u_sat at the knots, against now (4, knots)."""
+        return np.vstack((self.gain, self.slowing, self.thresholds))
+
+    @property
+    def speed(self) -> FloatArray:
+        """Their change with the age, per interval, since the newest knot (4,)."""
         if len(self.times) < 2:
-            return 0.0, 0.0
-        length = self.times[0] - self.times[1]
-        return float(self.gain[0] / length), float(self.slowing[0] / length)
+            return np.zeros(2 + MOVING)
+        speed: FloatArray = self.changes[:, 0] / (self.times[0] - self.times[1])
+        return speed
 
     def at_times(self, times: FloatArray) -> 'Point':
         """Return the point with its slow change at other knots (1 + knots,)."""
-        gain, slowing = (
+        gain, slowing, *thresholds = (
             np.interp(times[1:], self.times[::-1], np.concatenate((values[::-1], [0.0])))
-            for values in (self.gain, self.slowing)
+            for values in self.changes
         )
-        return self._replace(gain=gain, slowing=slowing, times=times)
+        return Point(self.theta, self.linear, gain, slowing, np.array(thresholds), times)
 
 
 class Equations(NamedTuple):
@@ -358,13 +378,13 @@ class Equations(NamedTuple):
 def steady(theta: FloatArray, linear: FloatArray) -> Point:
     """Return a point at which nothing changes."""
     none = np.zeros(0)
-    return Point(theta.copy(), linear.copy(), none, none, np.zeros(SLOPES), np.zeros(1))
+    return Point(theta.copy(), linear.copy(), none, none, np.zeros((MOVING, 0)), np.zeros(1))
 
 
 @numba.njit(cache=True)
 def unknowns_of(point: Point) -> int:
     """Return the number of unknowns in x."""
-    count: int = len(point.theta) + len(point.linear) + 2 * len(point.gain) + SLOPES
+    count: int = len(point.theta) + len(point.linear) + (2 + MOVING) * len(point.gain)
     return count
 
 
@@ -411,14 +431,13 @@ def _changing_columns(
     force: FloatArray,
     slow: FloatArray,
     gain: float,
-    age: float,
     position: float,
     knots: int,
     local: int,
     basis: FloatArray,
     place: IntArray,
 ) -> int:
-    """Write the columns of gain, slowing and slopes that act in an interval; return how many."""
+    """Write the columns of slow changes that act in an interval; return how many."""
     count = 0
     knot = min(int(position), knots - 1)
     share = position - knot
@@ -431,11 +450,11 @@ def _changing_columns(
         place[count + 1] = local + knots + knot - 1 + side
         basis[count + 1] = (hat * gain) * slow
         count += 2
-    for slope in range(SLOPES):
-        place[count] = local + 2 * knots + slope
-        basis[count] = 0.0
-        basis[count, slope] = gain * age
-        count += 1
+        for moving in range(MOVING):
+            place[count] = local + (2 + moving) * knots + knot - 1 + side
+            basis[count] = 0.0
+            basis[count, moving] = hat * gain
+            count += 1
     return count
 
 
@@ -472,9 +491,7 @@ def _add_past(
 
 
 @numba.njit(cache=True)
-def assembled(
-    intervals: Intervals, point: Point, age: FloatArray, position: FloatArray
-) -> Equations:
+def assembled(intervals: Intervals, point: Point, position: FloatArray) -> Equations:
     """Return the equations of a window.
 
     Parameters
@@ -483,9 +500,8 @@ def assembled(
         At the point's theta and w.
     point : Point
         Point of linearisation.
-    age, position : ndarray (intervals,)
-        Age of the muscle that an interval shows, counted in intervals and in knots of gain and
-        slowing.
+    position : ndarray (intervals,)
+        Age of the muscle that an interval shows, counted in knots of the slow change.
     """
     unknowns, ends = unknowns_of(point), len(intervals.samples) + 1
     matrix, right_hand = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
@@ -500,8 +516,8 @@ def assembled(
     # D commutes with its exponential
     slow[nonlinear:local] = time_scale_derivative(point.linear)
     powers = time_scaling_terms(len(point.linear))
-    basis = np.zeros((6, local + 2))
-    place = np.zeros(6, dtype=np.int64)
+    basis = np.zeros((2 * (2 + MOVING), local + 2))
+    place = np.zeros(len(basis), dtype=np.int64)
     for index in range(len(intervals.samples)):
         if intervals.samples[index] == 0.0:
             continue
@@ -510,17 +526,13 @@ def assembled(
         gram, right = intervals.gram[index], intervals.right[index]
         if abs(delay) >= NO_SLOWING:
             gram, right = time_scaled_columns(gram, right, delay, powers)
-        force[0] = age[index] * point.slope[0]
-        force[1] = age[index] * point.slope[1]
         # right-hand side of the residual at the point, by the columns of the interval
         rest = right - gain * (gram @ force)
         equations.energy[0] += intervals.energy[index]
         for column in range(local):
             equations.energy[0] -= gain * force[column] * (right[column] + rest[column])
         _add_now(gram, rest, gain, index, local, equations)
-        count = _changing_columns(
-            force, slow, gain, age[index], position[index], knots, local, basis, place
-        )
+        count = _changing_columns(force, slow, gain, position[index], knots, local, basis, place)
         _add_past(gram, rest, gain, index, local, basis[:count], place[:count], equations)
     return equations
 

@@ -27,7 +27,7 @@ from rpms_ros.identification.estimation.prior import (
 )
 from rpms_ros.identification.estimation.settings import Problem
 from rpms_ros.identification.estimation.window_equations import (
-    SLOPES,
+    MOVING,
     Equations,
     Intervals,
     Origin,
@@ -47,6 +47,7 @@ from rpms_ros.identification.estimation.window_equations import (
 from rpms_ros.identification.model.recruitment import (
     MOST_SINES,
     PARAMETERS,
+    SUMMATION,
     coordinates,
     deviation_variance,
     from_coordinates,
@@ -66,16 +67,16 @@ MODEL_ERROR_SAMPLES = 200.0
 def _left(
     intervals: Intervals,
     theta: FloatArray,
+    thresholds: FloatArray,
     point: Point,
     gain: FloatArray,
     delay: FloatArray,
-    age: FloatArray,
     levels: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
     """Return what the linear model after a step leaves: scores (intervals, columns) and squares.
 
-    `theta` is the step of theta, `point` is after it; gain, logarithm of the relative time
-    constant and age (counted in intervals) have a value for each interval.
+    `theta` is the step of theta now, `point` is after it; what is added to it for u_thr and u_sat,
+    gain and logarithm of the relative time constant have a value for each interval.
     """
     count, columns = intervals.right.shape
     nonlinear, functions = len(theta), len(point.linear)
@@ -84,8 +85,8 @@ def _left(
     coefficients = np.zeros(columns)
     for index in range(count):
         coefficients[:nonlinear] = gain[index] * theta
-        for slope in range(len(point.slope)):
-            coefficients[slope] += gain[index] * age[index] * point.slope[slope]
+        for place in range(len(thresholds)):
+            coefficients[place] += gain[index] * thresholds[place, index]
         response = time_scaled(point.linear, delay[index])
         for function in range(functions):
             coefficients[nonlinear + function] = gain[index] * response[function]
@@ -109,10 +110,9 @@ LIVELINESS: FloatArray = 10.0 ** np.arange(-6.0, -0.4, 0.5)
 INCREMENTS: FloatArray = np.concatenate(([1e3], 10.0 ** np.arange(-0.5, -5.1, -0.5)))
 # They have one from this place in `LIVELINESS` on; below it a sensor may drift.
 _LEAST_MOVING = 8
-# Change of force and time constant over the distance of two knots (relative), of thresholds over
-# an interval.
+# Change of force and time constant (relative) and of thresholds over the distance of two knots.
 CHANGES: FloatArray = np.concatenate(([1e-5], 10.0 ** np.arange(-4.0, -0.9, 0.5)))
-DRIFTS: FloatArray = np.concatenate(([1e-7], 10.0 ** np.arange(-5.5, -2.4, 0.5)))
+DRIFTS: FloatArray = np.concatenate(([1e-6], 10.0 ** np.arange(-4.0, -1.4, 0.5)))
 # Size of the deviation of the recruitment from the arctangents, the first practically none, and
 # its length in units of the intensity.
 SIZES: FloatArray = np.concatenate(([1e-5], 10.0 ** np.arange(-3.0, 0.1, 0.5)))
@@ -216,23 +216,23 @@ class Window:
         """The same without knots."""
         return replace(self, knots=self.knots[:1], pauses=())
 
-    def walk(self) -> FloatArray:
-        """Return the prior of the slow change, see `walk_information`."""
-        lengths = -np.diff(self.knots) / KNOT_INTERVALS
-        return walk_information(tuple(lengths.tolist()), self.pauses)
+    def walks(self) -> FloatArray:
+        """Return the priors of the slow change of force and of thresholds, see `Terms`."""
+        lengths = tuple((-np.diff(self.knots) / KNOT_INTERVALS).tolist())
+        return walk_information(lengths, self.pauses)
 
-    def ages(self, first: int, count: int) -> tuple[FloatArray, FloatArray]:
-        """Return age and position (count,) of intervals from number `first` on.
+    def ages(self, first: int, count: int) -> FloatArray:
+        """Return the age (count,) of intervals from number `first` on, counted in knots.
 
-        Counted in intervals and in knots, beyond the last one as between the last two.
+        Beyond the last one as between the last two.
         """
         age = np.maximum(self.knots[0] - first - (np.arange(count) + 0.5), 0.0)
         knots = self.knots[0] - self.knots
-        position = np.interp(age, knots, np.arange(len(knots)))
+        position: FloatArray = np.interp(age, knots, np.arange(len(knots)))
         if len(knots) > 1:
             beyond = np.maximum(age - knots[-1], 0.0)
             position += beyond / (knots[-1] - knots[-2])
-        return age, position
+        return position
 
 
 @dataclass(frozen=True)
@@ -243,7 +243,7 @@ class Scales:
     increment: int = 0
     gain: int = 0
     slowing: int = 0
-    slope: int = 0
+    thresholds: int = 0
     size: int = 0
     length: int = 1
 
@@ -300,6 +300,8 @@ class WindowFit:
         By how much the gain follows the disturbance, see `gain_swing`.
     left_out : ndarray of int64 (events,)
         Numbers of the intervals that are not learnt from, see `short_events`.
+    known_at : Point or None
+        Where the covariance is that of the linearised equations; None: at `point`.
     """
 
     point: Point
@@ -322,6 +324,7 @@ class WindowFit:
     residual_spread: float = 0.0
     swing: float = 0.0
     left_out: IntArray = field(default_factory=lambda: NO_EVENTS)
+    known_at: Point | None = None
 
     @property
     def weighting_variance(self) -> float:
@@ -356,13 +359,14 @@ class WindowFit:
         newest = float(self.point.gain[0]) if len(self.point.gain) else 0.0
         rest += (_BETWEEN_KNOTS * newest) ** 2 * np.outer(linear, linear)
         rest += float(linear @ linear) * (_BASIS_ERROR**2 * np.eye(len(linear)) + spread)
-        return Uncertainty(covariance, confidence)
+        here = self.known_at or self.point
+        return Uncertainty(covariance, confidence, here.theta[: SUMMATION.start], here.linear)
 
 
 def fresh_fit(theta: FloatArray, functions: int) -> WindowFit:
     """Return a fit without data."""
     point = steady(theta, np.zeros(functions))
-    unknowns = len(theta) + functions + SLOPES
+    unknowns = len(theta) + functions
     return WindowFit(point, np.zeros(2), np.zeros((unknowns, unknowns)), np.ones(len(theta)))
 
 
@@ -380,19 +384,19 @@ class Linearised:
     ) -> None:
         point = fit.point.at_times(window.knots)
         self.problem, self.point, self.knowledge, self.window = problem, point, knowledge, window
-        span = window.first_ns, window.length_ns, window.origin
+        span = window.first_ns, window.now_ns, window.length_ns, window.origin
         # that of the intervals which are left out, too
         self.every: Intervals = condensed(problem, point, *span)
         first, count = int(self.every.first[0]), len(self.every.samples)
         self.intervals = self.every.without(fit.left_out - first)
         self.differences = _differences(fit, first, count + 1)
         self.ages = window.ages(first, count)
-        self.equations: Equations = assembled(self.intervals, point, *self.ages)
+        self.equations: Equations = assembled(self.intervals, point, self.ages)
         self.samples = float(self.intervals.samples.sum())
         self.power = float(self.intervals.energy.sum()) / max(self.samples, 1.0)
         # too weak to be seen, but w is solvable where nothing has been stimulated
         ridge = _RIDGE / (self.power + LEAST_ENERGY)
-        self.terms: Terms = knowledge.terms_at(point, ridge, window.walk())
+        self.terms: Terms = knowledge.terms_at(point, ridge, window.walks())
 
     def reduced(self, variance: float, scales: Scales) -> Reduced:
         """Eliminate the disturbance with its two scales."""
@@ -447,8 +451,8 @@ class _Solution(NamedTuple):
         Cost at the point.
     reduced : Reduced
         Equations without the prior.
-    nonlinear : int
-        Elements of theta.
+    nonlinear, moving : int
+        Elements of theta, and of its slow change.
     """
 
     step: FloatArray
@@ -459,21 +463,23 @@ class _Solution(NamedTuple):
     here: float
     reduced: Reduced
     nonlinear: int
+    moving: int
 
     def with_cost(self, left: float) -> '_Solution':
         """Return the same with the exact cost after the step."""
         return self._replace(left=left, evidence=self.evidence - 0.5 * (left - self.left))
 
     def damped(self, damping: float) -> FloatArray:
-        """Return the Levenberg-Marquardt step with theta damped."""
+        """Return the Levenberg-Marquardt step with theta, now and before, damped."""
         hessian = self.hessian.copy()
-        place = np.arange(self.nonlinear)
+        last = len(hessian)
+        place = np.r_[: self.nonlinear, last - self.moving : last]
         hessian[place, place] *= 1.0 + damping
         return _solved(hessian, self.right)[0]
 
     def projected(self) -> tuple[float, FloatArray]:
-        """Return the cost with theta as it is and all else at its best, and the step to it."""
-        step, rest = np.zeros_like(self.step), slice(self.nonlinear, None)
+        """Return the cost with theta as it goes and all else at its best, and the step to it."""
+        step, rest = np.zeros_like(self.step), slice(self.nonlinear, len(self.step) - self.moving)
         step[rest], gained, _ = _solved(
             np.ascontiguousarray(self.hessian[rest, rest]), self.right[rest]
         )
@@ -491,7 +497,8 @@ _NO_PRIOR: FloatArray = np.full(MOST_SINES, np.inf)
 
 def _solution(at: Linearised, reduced: Reduced, scales: Scales) -> _Solution | None:
     """Solve for the step; None if the equations are not positive."""
-    widths = np.array([CHANGES[scales.gain], CHANGES[scales.slowing], DRIFTS[scales.slope]])
+    drift = DRIFTS[scales.thresholds]
+    widths = np.array([CHANGES[scales.gain], CHANGES[scales.slowing], drift, drift])
     # an earlier result holds the prior of the deviation already
     earlier = at.knowledge.has_result
     variance = _NO_PRIOR if earlier else DEVIATION_VARIANCES[scales.size, scales.length]
@@ -504,7 +511,8 @@ def _solution(at: Linearised, reduced: Reduced, scales: Scales) -> _Solution | N
     here = float(reduced.cost[0]) + cost
     left = here - gained
     evidence = -0.5 * (left + determinant - logarithm) + float(reduced.evidence[0])
-    return _Solution(step, right, hessian, evidence, left, here, reduced, len(at.point.theta))
+    sizes = len(at.point.theta), at.point.thresholds.size
+    return _Solution(step, right, hessian, evidence, left, here, reduced, *sizes)
 
 
 @numba.njit(cache=True)
@@ -537,7 +545,7 @@ def _solved(hessian: FloatArray, right: FloatArray) -> tuple[FloatArray, float, 
 
 def _grids(window: Window, knowledge: WindowPrior) -> list[tuple[str, FloatArray]]:
     """Return names and grids of the scales that samples may choose, but for the disturbance's."""
-    changes = [('gain', CHANGES), ('slowing', CHANGES), ('slope', DRIFTS)]
+    changes = [('gain', CHANGES), ('slowing', CHANGES), ('thresholds', DRIFTS)]
     shape = [('size', SIZES), ('length', LENGTHS)]
     free = knowledge.any_shape and not knowledge.has_result
     return (changes if window.changes else []) + (shape if free else [])
@@ -663,13 +671,19 @@ def steps_at_fixed_scales(
     return at
 
 
+def _relative(at: Linearised, step: FloatArray) -> FloatArray:
+    """Return the move of the arctangents, now and before, relative to the largest (4 + n,)."""
+    before = step[len(step) - at.point.thresholds.size :] / _LARGEST_STEP[0]
+    relative: FloatArray = np.abs(np.append(step[:PARAMETERS] / _LARGEST_STEP, before))
+    return relative
+
+
 def _limited(at: Linearised, solution: _Solution, step: FloatArray) -> FloatArray:
     """Return a step (unknowns,) within the bounds and the range of a nearly linear model."""
     step = at.knowledge.bounded(at.point, step, solution.hessian)
     joint, knots = len(at.point.theta) + len(at.point.linear), len(at.point.gain)
-    slowing = step[joint + knots : joint + 2 * knots] / _LARGEST_SLOWING_STEP
-    largest = np.abs(np.concatenate((step[:PARAMETERS] / _LARGEST_STEP, slowing)))
-    return step / max(1.0, float(largest.max()))
+    slowing = np.abs(step[joint + knots : joint + 2 * knots]) / _LARGEST_SLOWING_STEP
+    return step / max(1.0, float(_relative(at, step).max()), float(slowing.max(initial=0.0)))
 
 
 def _move(
@@ -686,7 +700,7 @@ def _move(
     if not certain and fit.damping > _LEAST_DAMPING:
         step = solution.damped(fit.damping)
     step = _limited(at, solution, step)
-    near = np.abs(step[:PARAMETERS] / _LARGEST_STEP).max() < _NEAR
+    near = _relative(at, step).max() < _NEAR
     bend = np.abs(step[PARAMETERS : len(at.point.theta) - 2]).max()
     # the step before was a mean over likely scales: of the prior of c a short one gains much
     if near and (certain or bend < _STRAIGHT):
@@ -707,6 +721,7 @@ def _move(
                 covariance = scaled_inverse(other.hessian)
                 _accept(fit, at, solution.with_cost(cost), step, covariance)
                 fit.point = moved(trial.point, rest_there)
+                fit.known_at = trial.point
                 fit.levels = disturbance_at(reduced, rest_there)
                 _refresh_noise(fit, there)
                 fit.damping *= _FALLS
@@ -728,11 +743,14 @@ def left_after(fit: WindowFit, at: Linearised) -> tuple[FloatArray, FloatArray, 
 
     Also of the intervals that are left out.
     """
-    age, position = at.ages
+    position = at.ages
     gain = 1.0 + at_ages(fit.point.gain, position)
     delay = at_ages(fit.point.slowing, position)
     theta = coordinates(fit.point.theta) - coordinates(at.point.theta)
-    return *_left(at.every, theta, fit.point, gain, delay, age, fit.levels), gain
+    thresholds = np.array(
+        [at_ages(step, position) for step in fit.point.thresholds - at.point.thresholds]
+    )
+    return *_left(at.every, theta, thresholds, fit.point, gain, delay, fit.levels), gain
 
 
 def _refresh_noise(fit: WindowFit, at: Linearised) -> None:
@@ -875,6 +893,7 @@ def _accept(
     fit.moved = step[: len(fit.point.theta)]
     fit.levels = disturbance_at(solution.reduced, step)
     fit.first = int(at.intervals.first[0])
+    fit.known_at = at.point
     fit.covariance = covariance * max(1.0, fit.inflation / max(fit.colour, _MOST_INFLATION))
     fit.level_deviation = math.sqrt(1.0 / float(solution.reduced.factor[-1, -1]))
     fit.evidence = solution.evidence
@@ -907,11 +926,11 @@ def moved(point: Point, step: FloatArray) -> Point:
     """Return the point after a step of x (unknowns,)."""
     functions, knots = len(point.linear), len(point.gain)
     ends = np.cumsum([len(point.theta), functions, knots, knots])
-    theta, linear, gain, slowing, slope = np.split(step, ends)
+    theta, linear, gain, slowing, thresholds = np.split(step, ends)
     return point._replace(
         theta=from_coordinates(coordinates(point.theta) + theta),
         linear=point.linear + linear,
         gain=point.gain + gain,
         slowing=point.slowing + slowing,
-        slope=point.slope + slope,
+        thresholds=point.thresholds + thresholds.reshape(MOVING, knots),
     )

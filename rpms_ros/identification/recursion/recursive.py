@@ -479,7 +479,9 @@ class FixedSizeRecursion:
             condition=condition_number(of_linear),
             area_error=math.hypot(by_basis, sums.missing_area(variance)),
         )
-        return muscle, Uncertainty(covariance, self.settings.confidence)
+        return muscle, Uncertainty(
+            covariance, self.settings.confidence, muscle.theta, muscle.linear
+        )
 
     def _begin_blocks(self, stamp_ns: int) -> int:
         """Begin the block of a sample; return the end of that block [ns]."""

@@ -34,7 +34,9 @@ from rpms_ros.muscle import RateRecruitment, RecruitmentParameters, identified_r
 
 BASIS = LaguerreBasis(5, 38e-3, 3.3e-3)
 LINEAR = np.array([1.0, -0.5, 0.3, 0.2, -0.1])
-WHOLE_NS = 10_000_000_000
+WHOLE_NS, NOW_NS = 10_000_000_000, 1_500_000_000
+# of u_thr and u_sat, at ages counted in ten seconds
+MOVED_AT, MOVED = np.array([0.0, 0.06, 0.11]), np.array([[0.0, 0.02, 0.01], [0.0, -0.01, -0.02]])
 DEVIATION = slice(PARAMETERS, PARAMETERS + SINES)
 NONLINEAR = PARAMETERS + SINES + 2
 
@@ -50,13 +52,23 @@ def theta_of(seed):
 
 
 def regressors(take, theta):
-    """Return Phi (samples, functions), sample by sample and pulse by pulse."""
+    """Return Phi (samples, functions), sample by sample and pulse by pulse of its own age."""
 
-    def shape(intensity):
-        return identified_recruitment(RecruitmentParameters(*theta[:4]), intensity)
+    def shape(intensity, age):
+        # beyond the last knot as between the last two
+        beyond = max(age - MOVED_AT[-1], 0.0) * (MOVED[:, 2] - MOVED[:, 1]) / np.diff(MOVED_AT)[-1]
+        thresholds = theta[:2] + [np.interp(age, MOVED_AT, way) for way in MOVED] + beyond
+        return identified_recruitment(RecruitmentParameters(*thresholds, *theta[2:4]), intensity)
 
     angle = np.pi * np.outer(take.intensity, np.arange(1, 21)) / 1.2
-    rho = shape(take.intensity) + shape(1.0) * (np.sin(angle) @ theta[DEVIATION])
+    ages = (NOW_NS - (take.onset_ns + round(1e9 * BASIS.latency))) / WHOLE_NS
+    deviation = np.sin(angle) @ theta[DEVIATION]
+    rho = np.array(
+        [
+            shape(one, age) + shape(1.0, age) * away
+            for one, age, away in zip(take.intensity, ages, deviation, strict=True)
+        ]
+    )
     by_rate = RateRecruitment()
     rate = np.concatenate(([0.0], 1e9 / np.diff(take.onset_ns)))
     weight = by_rate.per_pulse(rate) / by_rate.per_pulse(20.0)
@@ -78,7 +90,9 @@ def test_equal_those_of_a_loop_over_samples(recorded):
     take.feed(estimator)
     theta = theta_of(2)
     still = no_change(BASIS.functions)
-    whole = condensed(estimator._problem, steady(theta, LINEAR), 0, WHOLE_NS, still)
+    times = 7.0 - MOVED_AT
+    point = steady(theta, LINEAR).at_times(times)._replace(thresholds=MOVED[:, 1:])
+    whole = condensed(estimator._problem, point, 0, NOW_NS, WHOLE_NS, still)
     step = 1e-5
     moves = step * np.eye(NONLINEAR)
     psi = [
@@ -136,7 +150,7 @@ class Written:
             linear=generator.standard_normal(FUNCTIONS),
             gain=np.array([0.1, 0.25]),
             slowing=np.array([-0.05, -0.08]),
-            slope=np.array([1e-3, -2e-3]),
+            thresholds=np.array([[0.01, 0.02], [-0.01, -0.05]]),
             times=FIRST + INTERVALS - AGES,
         )
         self.now = float(INTERVALS)
@@ -156,16 +170,18 @@ class Written:
 
     def model(self, x):
         """Return the force (intervals, samples) of the muscle at unknowns x, by the formula."""
-        theta, linear, gain, slowing, slope = np.split(
-            x, np.cumsum([NONLINEAR, FUNCTIONS, KNOTS, KNOTS])
+        theta, linear, gain, slowing, *moved = np.split(
+            x, np.cumsum([NONLINEAR, FUNCTIONS, KNOTS, KNOTS, KNOTS])
         )
+        # the columns are those of the point, its thresholds' change included
+        moved -= self.point.thresholds
         force = np.zeros((INTERVALS, SAMPLES))
         for index in range(INTERVALS):
             age = self.now - (index + 0.5)
             grown, delay = past(gain, age), past(slowing, age)
             inner = self.columns[index, :, :LOCAL] @ np.concatenate(
                 (
-                    theta + np.concatenate((age * slope, np.zeros(NONLINEAR - 2))),
+                    theta + np.append([past(way, age) for way in moved], np.zeros(NONLINEAR - 2)),
                     time_scaled(linear, delay),
                 )
             )
@@ -175,8 +191,7 @@ class Written:
     def unknowns(self):
         """Return x at the point; theta counts as a deviation."""
         point = self.point
-        parts = (np.zeros(NONLINEAR), point.linear, point.gain, point.slowing, point.slope)
-        return np.concatenate(parts)
+        return np.concatenate((np.zeros(NONLINEAR), point.linear, point.changes.ravel()))
 
     def disturbance(self):
         """Return the matrix (samples, knots) of the disturbance."""
@@ -220,7 +235,7 @@ def test_the_equations_are_those_of_all_samples(seed):
     rough = Roughness(*generator.uniform(1.0, 100.0, (2, INTERVALS + 1)))
     level = np.full(INTERVALS + 1, 0.01)
     about = generator.standard_normal(INTERVALS + 1)
-    equations = assembled(written.intervals(), written.point, *written.ages)
+    equations = assembled(written.intervals(), written.point, written.ages)
     reduced = eliminated(equations, VARIANCE, rough, level, about)
     information, gradient, cost, levels, step = dense(written, rough, level, about)
     # the dense Jacobian is by differences: about 1e-8 of its entries

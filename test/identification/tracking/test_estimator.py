@@ -413,7 +413,7 @@ def test_an_effort_that_follows_the_intensity_is_doubted(league, excitation):
     (time, force, onset, intensity), truth = league.session('effort', excitation, 0, 30.0)
     found = rpms_ros.from_arrays(time, force, onset, intensity).identify('tracking')
     last = found.estimates.last
-    assert np.abs(last.curve_force - truth).max() > 0.02 * truth.max()
+    assert np.abs(last.curve_force - truth).max() > 0.015 * truth.max()
     assert last.doubts == (DISTURBANCE_FOLLOWS,)
     assert found.verdict.grade == 'doubtful'
 
@@ -421,7 +421,7 @@ def test_an_effort_that_follows_the_intensity_is_doubted(league, excitation):
 @pytest.mark.parametrize('excitation', ['random', 'sinusoid'])
 def test_a_muscle_that_is_not_held_is_doubted(league, excitation):
     """A joint that swings: 15 % of the active force, 5 % of a passive one."""
-    arrays, _ = league.session('length', excitation, 0, 25.0)
+    arrays, _ = league.session('length', excitation, 0, 30.0)
     found = rpms_ros.from_arrays(*arrays).identify('tracking')
     assert NOT_ISOMETRIC in found.estimates.last.doubts
     assert found.verdict.grade != 'good'
@@ -430,24 +430,48 @@ def test_a_muscle_that_is_not_held_is_doubted(league, excitation):
 @pytest.mark.long
 @pytest.mark.parametrize(
     ('muscle', 'excitation', 'seed'),
-    [('pools', 'sinusoid', 0), ('pools', 'random', 0), ('gauss', 'sinusoid', 1)],
+    [
+        *(('pools', 'sinusoid', 0), ('pools', 'random', 0)),
+        *(('gauss', 'sinusoid', 1), ('weibull', 'random', 0)),
+    ],
 )
 def test_a_muscle_of_another_kind_has_a_narrow_interval(league, muscle, excitation, seed):
-    """8 % where steps along a valley of the cost were not tried; 2 % where bases differ in it."""
+    """8 % where steps along a valley of the cost were not tried; 2 % where bases differ in it.
+
+    3 % where the covariance was that of another point of the valley.
+    """
     arrays, truth = league.session(muscle, excitation, seed)
     found = rpms_ros.from_arrays(*arrays).identify('tracking')
     last = found.estimates.last
-    # bench/league.py: at most 0.35 %; half of the interval 0.51 % in the median of two people
     assert np.abs(last.curve_force - truth).max() < 0.004 * truth.max()
-    assert (last.curve_upper - last.curve_lower).max() < 0.03 * truth.max()
+    assert (last.curve_upper - last.curve_lower).max() < 0.015 * truth.max()
     assert ((last.curve_lower <= truth) & (truth <= last.curve_upper)).mean() > 0.9
     assert found.verdict.grade == 'good'
 
 
+@pytest.mark.parametrize(
+    ('muscle', 'excitation', 'seed', 'most'),
+    [
+        *(('slip', 'random', 0, 0.003), ('slip', 'sinusoid', 0, 0.001)),
+        *(('sway', 'random', 0, 0.003), ('sway', 'sinusoid', 1, 0.01)),
+    ],
+)
+def test_a_coil_that_moves_is_followed(league, muscle, excitation, seed, most):
+    """A slip left .8 and .35 % where the force was linear in the move of the thresholds.
+
+    A sway 5 and 9 % with one slope of the thresholds.
+    """
+    arrays, truth = league.session(muscle, excitation, seed)
+    last = rpms_ros.from_arrays(*arrays).identify('tracking').estimates.last
+    assert np.abs(last.curve_force - truth).max() < most * truth.max()
+    assert ((last.curve_lower <= truth) & (truth <= last.curve_upper)).mean() > 0.9
+
+
 def test_a_latency_that_jitters_is_no_effort(league):
     """1.1 % with an interval of 1 % where it was taken for one."""
-    arrays, truth = league.session('jitter', 'random', 0, 20.0)
-    last = rpms_ros.from_arrays(*arrays).identify('tracking').estimates.last
+    arrays, truth = league.session('jitter', 'random', 0)
+    first = league.beginning(arrays, 20.0)
+    last = rpms_ros.from_arrays(*first).identify('tracking').estimates.last
     assert np.abs(last.curve_force - truth).max() < 0.004 * truth.max()
 
 
