@@ -218,8 +218,8 @@ class BasisChoice:
         if key not in self._found:
             found = self._judged(basis, rough)
             # more steps may lead astray
-            others = [] if rough else [self._found.get((basis, True), found)]
-            self._found[key] = max((found, *others), key=lambda one: one.fit.likelihood)
+            before = self._found.get((basis, True), found)
+            self._found[key] = max(found, before, key=lambda one: one.fit.likelihood)
         return self._found[key]
 
     def _likelihood(self, basis: LaguerreBasis) -> float:

@@ -127,6 +127,9 @@ _LARGEST_STEP: FloatArray = np.array([0.1, 0.1, 0.7, 0.5])
 _LARGEST_SLOWING_STEP = 0.05
 _RIDGE = 1e-2
 _MOST_INFLATION = 3.0
+# Where neighbouring residuals are more alike than by this factor, something has begun suddenly: no
+# drift of the thresholds may take it up.
+_SUDDEN = 1.5
 # Standard deviations and intervals from which the gain is said to follow the disturbance,
 # and samples in each.
 _SURE_SWING, _LEAST_SWING_INTERVALS, _LEAST_RIPPLE = 5.0, 80, 8
@@ -588,10 +591,12 @@ def _best_scales(at: Linearised, fit: WindowFit) -> tuple[Scales, _Solution, lis
     best, solution, tried = _best_disturbance(at, fit.weighting_variance, fit.scales)
     if solution is None:
         raise np.linalg.LinAlgError
+    sudden = fit.inflation > _SUDDEN * fit.colour
     for name, grid in _grids(at.window, at.knowledge):
         for move in (-1, 1):
             place = getattr(best, name) + move
-            if not 0 <= place < len(grid):
+            drifts = name == 'thresholds' and move > 0
+            if not 0 <= place < len(grid) or (drifts and sudden):
                 continue
             trial = replace(best, **{name: place})
             other = _solution(at, solution.reduced, trial)

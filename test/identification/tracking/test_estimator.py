@@ -120,11 +120,15 @@ def test_what_the_muscle_before_a_move_leaves_is_no_tremor(living_sessions):
     assert not any('tremor' in reason for one in estimates for reason in one.reasons)
 
 
-def test_a_slower_twitch_is_named_dynamics(living_sessions):
-    session = living_sessions.session('slower', 'random', 1, 46.0)
+@pytest.mark.parametrize(
+    ('excitation', 'seed', 'seconds'), [('random', 1, 46.0), ('sinusoid', 2, 50.0)]
+)
+def test_a_slower_twitch_is_named_dynamics(living_sessions, excitation, seed, seconds):
+    """Under the sinusoid a drift of the thresholds, which begins with it, took it up: 5 %."""
+    session = living_sessions.session('slower', excitation, seed, seconds)
     _, estimates = run(session)
     assert estimates[-1].change_kinds == ('dynamics',)
-    assert errors(session, estimates)[-1] < 0.01
+    assert errors(session, estimates)[session.noted_s > 15.0].max() < 0.01
 
 
 def test_a_change_that_is_named_wrongly_does_not_keep_the_muscle_wrong(living_sessions):
