@@ -92,9 +92,6 @@ _MINUTE = 60.0
 _UNEVEN = 0.06
 # The disturbance counts as lively above this share of the force, by `LIVELINESS`.
 _LIVELY = 6
-# Above this factor neighbouring residuals are more alike than a muscle of the model leaves them,
-# which is 1.1 at most once it is known: a lively disturbance then takes up what is the muscle's.
-_DOUBTED_INFLATION = 1.5
 _WIDE = 0.05
 # The gain follows the disturbance by this share: bench/league.py, `length`, has 5 to 8 %, a held
 # muscle 0.4 %.
@@ -479,9 +476,8 @@ class TrackingEstimator(ProjectionEstimator):
             disturbance_deviation=math.hypot(fit.level_deviation, slope * min(behind, 4.0)),
             reasons=_reasons(estimate, fit, watch.deliberating, self._tremor),
         )
-        # neighbouring residuals are alike, and more than the model's own error
-        alike = fit.inflation > _DOUBTED_INFLATION * fit.colour
-        alike = alike and fit.misfit * fit.weighting_variance > 0.5 * fit.variance
+        # alike, and more than the model's own error
+        alike = fit.residuals_alike and fit.misfit * fit.weighting_variance > 0.5 * fit.variance
         moves = float(np.median(np.abs(np.diff(fit.levels))))
         lively = len(fit.levels) > _LEAST_COMPARED // 4 and moves > _LIVELY_SHARE * full
         doubts = {RESIDUALS_ALIKE: alike, DISTURBANCE_FOLLOWS: follows, DISTURBANCE_LIVELY: lively}

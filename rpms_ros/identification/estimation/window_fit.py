@@ -127,9 +127,9 @@ _LARGEST_STEP: FloatArray = np.array([0.1, 0.1, 0.7, 0.5])
 _LARGEST_SLOWING_STEP = 0.05
 _RIDGE = 1e-2
 _MOST_INFLATION = 3.0
-# Where neighbouring residuals are more alike than by this factor, something has begun suddenly: no
-# drift of the thresholds may take it up.
-_SUDDEN = 1.5
+# Above this factor neighbouring residuals are more alike than a muscle of the model leaves them,
+# which is 1.1 at most once it is known: a lively disturbance then takes up what is the muscle's.
+_DOUBTED_INFLATION = 1.5
 # Standard deviations and intervals from which the gain is said to follow the disturbance,
 # and samples in each.
 _SURE_SWING, _LEAST_SWING_INTERVALS, _LEAST_RIPPLE = 5.0, 80, 8
@@ -337,6 +337,11 @@ class WindowFit:
         small, the samples must keep enough weight to show it.
         """
         return self.variance * max(min(self.inflation, self.most_inflation), self.colour)
+
+    @property
+    def residuals_alike(self) -> bool:
+        """Whether neighbouring residuals are more alike than a muscle of the model leaves them."""
+        return self.inflation > _DOUBTED_INFLATION * self.colour
 
     @property
     def shows_response(self) -> bool:
@@ -591,12 +596,12 @@ def _best_scales(at: Linearised, fit: WindowFit) -> tuple[Scales, _Solution, lis
     best, solution, tried = _best_disturbance(at, fit.weighting_variance, fit.scales)
     if solution is None:
         raise np.linalg.LinAlgError
-    sudden = fit.inflation > _SUDDEN * fit.colour
     for name, grid in _grids(at.window, at.knowledge):
         for move in (-1, 1):
             place = getattr(best, name) + move
-            drifts = name == 'thresholds' and move > 0
-            if not 0 <= place < len(grid) or (drifts and sudden):
+            # what begins suddenly is no drift
+            sudden = name == 'thresholds' and move > 0 and fit.residuals_alike
+            if sudden or not 0 <= place < len(grid):
                 continue
             trial = replace(best, **{name: place})
             other = _solution(at, solution.reduced, trial)

@@ -414,10 +414,10 @@ def test_a_fit_that_cannot_be_solved_knows_nothing_and_is_counted(living_session
 @pytest.mark.parametrize('excitation', ['random', 'sinusoid'])
 def test_an_effort_that_follows_the_intensity_is_doubted(league, excitation):
     """A slow sinusoid does not tell it from recruitment: 9 % beside a band of 2 %."""
-    (time, force, onset, intensity), truth = league.session('effort', excitation, 0, 30.0)
+    (time, force, onset, intensity), truth = league.session('effort', excitation, 0)
     found = rpms_ros.from_arrays(time, force, onset, intensity).identify('tracking')
     last = found.estimates.last
-    assert np.abs(last.curve_force - truth).max() > 0.015 * truth.max()
+    assert np.abs(last.curve_force - truth).max() > 0.02 * truth.max()
     assert last.doubts == (DISTURBANCE_FOLLOWS,)
     assert found.verdict.grade == 'doubtful'
 
@@ -425,7 +425,7 @@ def test_an_effort_that_follows_the_intensity_is_doubted(league, excitation):
 @pytest.mark.parametrize('excitation', ['random', 'sinusoid'])
 def test_a_muscle_that_is_not_held_is_doubted(league, excitation):
     """A joint that swings: 15 % of the active force, 5 % of a passive one."""
-    arrays, _ = league.session('length', excitation, 0, 30.0)
+    arrays, _ = league.session('length', excitation, 0, 25.0)
     found = rpms_ros.from_arrays(*arrays).identify('tracking')
     assert NOT_ISOMETRIC in found.estimates.last.doubts
     assert found.verdict.grade != 'good'
@@ -473,9 +473,8 @@ def test_a_coil_that_moves_is_followed(league, muscle, excitation, seed, most):
 
 def test_a_latency_that_jitters_is_no_effort(league):
     """1.1 % with an interval of 1 % where it was taken for one."""
-    arrays, truth = league.session('jitter', 'random', 0)
-    first = league.beginning(arrays, 20.0)
-    last = rpms_ros.from_arrays(*first).identify('tracking').estimates.last
+    arrays, truth = league.session('jitter', 'random', 0, 20.0)
+    last = rpms_ros.from_arrays(*arrays).identify('tracking').estimates.last
     assert np.abs(last.curve_force - truth).max() < 0.004 * truth.max()
 
 
