@@ -217,9 +217,10 @@ class BasisChoice:
         key = basis, rough
         if key not in self._found:
             found = self._judged(basis, rough)
-            # more steps may lead astray
             before = self._found.get((basis, True), found)
-            self._found[key] = max(found, before, key=lambda one: one.fit.likelihood)
+            # more steps may lead astray
+            astray = found.fit.likelihood < before.fit.likelihood - _EQUAL
+            self._found[key] = before if astray else found
         return self._found[key]
 
     def _likelihood(self, basis: LaguerreBasis) -> float:

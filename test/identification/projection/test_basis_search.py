@@ -8,7 +8,13 @@ import numpy as np
 import pytest
 
 from rpms_ros.identification import estimator_by_name
-from rpms_ros.identification.estimation.basis_choice import BasisSchedule, Search
+from rpms_ros.identification.estimation.basis_choice import (
+    BasisChoice,
+    BasisFit,
+    BasisSchedule,
+    Search,
+)
+from rpms_ros.identification.estimation.window_fit import fresh_fit
 from rpms_ros.identification.model.basis import LaguerreBasis
 from rpms_ros.muscle import simulation_subject
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
@@ -118,6 +124,34 @@ def test_a_long_rest_at_the_end_does_not_choose_the_basis(living_sessions):
     noise = np.random.default_rng(1).normal(scale=0.05, size=len(rest_ns))
     estimator.update(rest_ns, noise, np.ones(len(rest_ns), dtype=np.bool_))
     assert what.curve_error(estimator.estimate(0, {})) < 0.005
+
+
+class Judged(BasisChoice):
+    """A choice whose fits have the likelihoods -100 after a few steps and `later` at the end."""
+
+    later: float
+
+    def __init__(self, later):
+        super().__init__(None, None, None, None, None, None)
+        object.__setattr__(self, 'later', later)
+
+    def _judged(self, basis, rough):
+        fit = fresh_fit(np.ones(4), basis.functions)
+        fit.likelihood = -100.0 if rough else self.later
+        return BasisFit(fit, None)
+
+
+@pytest.mark.parametrize(
+    ('later', 'taken'), [(-80.0, -80.0), (-104.0, -104.0), (-107.0, -100.0), (-np.inf, -100.0)]
+)
+def test_the_end_of_a_fit_counts_unless_it_is_clearly_less_likely(later, taken):
+    """Of two that noise alone tells apart the likelier is not the better one.
+
+    Behind a filtered sensor the curve was wrong by 0.40 % instead of 0.11 %.
+    """
+    choice, basis = Judged(later), LaguerreBasis(7, 38e-3)
+    assert choice.explained(basis, rough=True).fit.likelihood == -100.0
+    assert choice.explained(basis).fit.likelihood == taken
 
 
 SECOND = 1_000_000_000
