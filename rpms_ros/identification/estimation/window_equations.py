@@ -221,17 +221,35 @@ def no_change(functions: int) -> Origin:
 
 
 @numba.njit(cache=True)
-def _write_theta(point: 'Point', age: float, then: FloatArray) -> None:
-    """Write u_thr and u_sat of an age, in intervals, into theta."""
-    times, knot = point.times, 1
+def _in_knots(times: FloatArray, age: float) -> float:
+    """Return an age, in intervals, counted in knots (see `Point`).
+
+    Beyond the last one as between the last two.
+    """
     if len(times) < 2:
-        return
+        return 0.0
+    knot = 1
     while knot < len(times) - 1 and times[0] - times[knot] < age:
         knot += 1
     share = (age - times[0] + times[knot - 1]) / (times[knot - 1] - times[knot])
+    return float(knot - 1 + share)
+
+
+@numba.njit(cache=True)
+def ages_in_knots(times: FloatArray, first: int, count: int) -> FloatArray:
+    """Return how long before now the muscle was as intervals from number `first` on show it."""
+    ages = np.empty(count)
+    for index in range(count):
+        ages[index] = _in_knots(times, max(times[0] - first - (index + 0.5), 0.0))
+    return ages
+
+
+@numba.njit(cache=True)
+def _write_theta(point: 'Point', age: float, then: FloatArray) -> None:
+    """Write u_thr and u_sat of an age, in intervals, into theta."""
+    position = _in_knots(point.times, age)
     for place in range(MOVING):
-        moved = _at_age(point.thresholds[place], knot - 1 + share)
-        then[place] = point.theta[place] + moved
+        then[place] = point.theta[place] + _at_age(point.thresholds[place], position)
 
 
 @numba.njit(cache=True)
@@ -548,9 +566,11 @@ class Reduced(NamedTuple):
         Cost at the point, with the best disturbance.
     evidence : ndarray (1,)
         Logarithm of the factor that the disturbance gives to the evidence.
-    factor : ndarray (knots, unknowns + 4)
-        Rows from which the disturbance follows: coupling with x, right-hand side, with the next
-        two knots, and pivot.
+    factor : ndarray (knots, unknowns + 5)
+        Rows from which the disturbance follows: coupling with x and with its mean, right-hand
+        side, with the next two knots, and pivot.
+    mean : ndarray (unknowns + 2,)
+        The row of its mean: coupling with x, pivot, and right-hand side.
     """
 
     matrix: FloatArray
@@ -558,25 +578,31 @@ class Reduced(NamedTuple):
     cost: FloatArray
     evidence: FloatArray
     factor: FloatArray
+    mean: FloatArray
 
 
 class Roughness(NamedTuple):
-    """Prior of the differences of the disturbance.
+    """Prior of the course of the disturbance.
 
     Attributes
     ----------
     first, second : ndarray (knots,)
         Information about the increment after each knot, and about the second difference around
         it [1/N^2]; the first may be zero everywhere.
+    extent : float
+        Information about the distance of each knot from a mean that is not known [1/N^2].
     """
 
     first: FloatArray
     second: FloatArray
+    extent: float
 
 
 @numba.njit(cache=True)
 def shares_of_prior(rough: Roughness) -> tuple[FloatArray, float]:
     """Return how much of what is known of a difference its own prior says, without samples.
+
+    What the extent says is not counted.
 
     Returns
     -------
@@ -609,8 +635,11 @@ def shares_of_prior(rough: Roughness) -> tuple[FloatArray, float]:
 
 @numba.njit(cache=True)
 def _add_roughness(rough: Roughness, unknowns: int, factor: FloatArray) -> None:
-    """Add the prior of the differences."""
+    """Add the prior of the course; the last of the unknowns is the mean."""
     ahead, pivot = unknowns + 1, unknowns + 3
+    for knot in range(len(factor)):
+        factor[knot, unknowns - 1] -= rough.extent
+        factor[knot, pivot] += rough.extent
     for knot in range(len(factor) - 1):
         value = rough.first[knot]
         factor[knot, pivot] += value
@@ -653,56 +682,86 @@ def eliminated(
     variance : float
         Of the residuals, correlation included [N^2].
     rough : Roughness
-        Information about its differences.
+        Information about its course.
     level, about : ndarray (knots,)
         Information about the level of each knot [1/N^2], and its mean [N].
     """
     unknowns, knots = len(equations.right), len(equations.band)
-    factor = np.zeros((knots, unknowns + 4))
+    # the mean counts as one more unknown
+    right, ahead, pivot = unknowns + 1, unknowns + 2, unknowns + 4
+    factor = np.zeros((knots, unknowns + 5))
     scale = 1.0 / variance
-    right, ahead, pivot = unknowns, unknowns + 1, unknowns + 3
     cost = scale * equations.energy[0]
     for knot in range(knots):
-        for column in range(unknowns + 1):
+        for column in range(unknowns):
             factor[knot, column] = scale * equations.coupling[knot, column]
+        factor[knot, right] = scale * equations.coupling[knot, unknowns]
         factor[knot, ahead] = scale * equations.band[knot, 1]
-        factor[knot, ahead + 1] = 0.0
         factor[knot, pivot] = scale * equations.band[knot, 0] + level[knot]
         factor[knot, right] += level[knot] * about[knot]
         cost += level[knot] * about[knot] * about[knot]
-    _add_roughness(rough, unknowns, factor)
-    logarithm = 0.0
-    right_hand, matrix = scale * equations.right, scale * equations.matrix
+    _add_roughness(rough, right, factor)
+    right_hand, matrix = np.zeros(right), np.zeros((right, right))
+    right_hand[:unknowns] = scale * equations.right
+    matrix[:unknowns, :unknowns] = scale * equations.matrix
+    # a mean as far from zero as the newest knot may be
+    matrix[unknowns, unknowns] = knots * rough.extent + level[-1]
+    logarithm = np.log(matrix[unknowns, unknowns])
     for knot in range(knots):
         inverse = 1.0 / factor[knot, pivot]
         logarithm += np.log(inverse)
         cost -= factor[knot, right] * factor[knot, right] * inverse
-        for row in range(unknowns):
+        for row in range(right):
             share = factor[knot, row] * inverse
             if share == 0.0:
                 continue
             right_hand[row] -= share * factor[knot, right]
             for column in range(row + 1):
                 matrix[row, column] -= share * factor[knot, column]
-        _pass_on(factor, knot, unknowns)
+        _pass_on(factor, knot, right)
+    mean = np.append(matrix[unknowns], right_hand[unknowns])
+    inverse = 1.0 / mean[unknowns]
+    logarithm += np.log(inverse)
+    cost -= mean[right] * mean[right] * inverse
     for row in range(unknowns):
-        for column in range(row):
+        share = mean[row] * inverse
+        right_hand[row] -= share * mean[right]
+        for column in range(row + 1):
+            matrix[row, column] -= share * mean[column]
             matrix[column, row] = matrix[row, column]
-    return Reduced(matrix, right_hand, np.full(1, cost), np.full(1, 0.5 * logarithm), factor)
+    left, rest = matrix[:unknowns, :unknowns].copy(), right_hand[:unknowns].copy()
+    return Reduced(left, rest, np.full(1, cost), np.full(1, 0.5 * logarithm), factor, mean)
+
+
+@numba.njit(cache=True)
+def log_determinant_of_prior(rough: Roughness, level: FloatArray) -> float:
+    """Return that of the information about the disturbance, its mean integrated out.
+
+    Of differences that are next to nothing against the level it would be lost in rounding.
+    """
+    matrix, right, knots = np.zeros((0, 0)), np.zeros(0), len(level)
+    coupling, band = np.zeros((knots, 1)), np.zeros((knots, 3))
+    nothing = Equations(matrix, right, coupling, band, np.zeros(1))
+    alone = eliminated(nothing, 1.0, rough, level, np.zeros(knots))
+    return float(-2.0 * alone.evidence[0])
 
 
 @numba.njit(cache=True)
 def disturbance_at(reduced: Reduced, step: FloatArray) -> FloatArray:
     """Return the disturbance at its knots (knots,) [N] after a step of x (unknowns,)."""
-    factor = reduced.factor
+    factor, mean = reduced.factor, reduced.mean
     knots, unknowns = len(factor), len(step)
     levels = np.zeros(knots)
+    x = np.append(step, mean[unknowns + 1])
+    for column in range(unknowns):
+        x[unknowns] -= mean[column] * step[column]
+    x[unknowns] /= mean[unknowns]
     for knot in range(knots - 1, -1, -1):
-        total = factor[knot, unknowns]
-        for column in range(unknowns):
-            total -= factor[knot, column] * step[column]
+        total = factor[knot, unknowns + 1]
+        for column in range(unknowns + 1):
+            total -= factor[knot, column] * x[column]
         for ahead in range(1, 3):
             if knot + ahead < knots:
-                total -= factor[knot, unknowns + ahead] * levels[knot + ahead]
-        levels[knot] = total / factor[knot, unknowns + 3]
+                total -= factor[knot, unknowns + 1 + ahead] * levels[knot + ahead]
+        levels[knot] = total / factor[knot, unknowns + 4]
     return levels

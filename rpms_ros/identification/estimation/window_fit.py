@@ -34,11 +34,13 @@ from rpms_ros.identification.estimation.window_equations import (
     Point,
     Reduced,
     Roughness,
+    ages_in_knots,
     assembled,
     at_ages,
     condensed,
     disturbance_at,
     eliminated,
+    log_determinant_of_prior,
     shares_of_prior,
     steady,
     time_scaled,
@@ -108,6 +110,9 @@ LIVELINESS: FloatArray = 10.0 ** np.arange(-6.0, -0.4, 0.5)
 # Of its increment over an interval, the first practically none: what moves all the time, as heart
 # and breath do, need not wander.
 INCREMENTS: FloatArray = np.concatenate(([1e3], 10.0 ** np.arange(-0.5, -5.1, -0.5)))
+# Of its distance from its mean: noise of a sensor that grows towards low frequencies wanders, but
+# not far.
+EXTENTS: FloatArray = np.concatenate(([np.inf], 10.0 ** np.arange(-0.5, -3.1, -0.5)))
 # They have one from this place in `LIVELINESS` on; below it a sensor may drift.
 _LEAST_MOVING = 8
 # Change of force and time constant (relative) and of thresholds over the distance of two knots.
@@ -224,26 +229,17 @@ class Window:
         lengths = tuple((-np.diff(self.knots) / KNOT_INTERVALS).tolist())
         return walk_information(lengths, self.pauses)
 
-    def ages(self, first: int, count: int) -> FloatArray:
-        """Return the age (count,) of intervals from number `first` on, counted in knots.
-
-        Beyond the last one as between the last two.
-        """
-        age = np.maximum(self.knots[0] - first - (np.arange(count) + 0.5), 0.0)
-        knots = self.knots[0] - self.knots
-        position: FloatArray = np.interp(age, knots, np.arange(len(knots)))
-        if len(knots) > 1:
-            beyond = np.maximum(age - knots[-1], 0.0)
-            position += beyond / (knots[-1] - knots[-2])
-        return position
-
 
 @dataclass(frozen=True)
 class Scales:
-    """Indices in `LIVELINESS`, `INCREMENTS`, `CHANGES`, `DRIFTS`, `SIZES` and `LENGTHS`."""
+    """Indices in `LIVELINESS`, `INCREMENTS`, `EXTENTS`, `CHANGES`, `DRIFTS`, `SIZES`, `LENGTHS`.
+
+    Three of the disturbance, three of slow change, two of the deviation.
+    """
 
     disturbance: int = 2
     increment: int = 0
+    extent: int = 0
     gain: int = 0
     slowing: int = 0
     thresholds: int = 0
@@ -252,9 +248,9 @@ class Scales:
 
     @property
     def lively(self) -> int:
-        """Place in `LIVELINESS` of second differences, where increments bound them too."""
-        bound = int(np.searchsorted(LIVELINESS, 2.0 * INCREMENTS[self.increment]))
-        return min(self.disturbance, bound)
+        """Place in `LIVELINESS` of second differences, where the others bound them too."""
+        bound = min(INCREMENTS[self.increment], EXTENTS[self.extent])
+        return min(self.disturbance, int(np.searchsorted(LIVELINESS, 2.0 * bound)))
 
 
 @dataclass
@@ -398,7 +394,7 @@ class Linearised:
         first, count = int(self.every.first[0]), len(self.every.samples)
         self.intervals = self.every.without(fit.left_out - first)
         self.differences = _differences(fit, first, count + 1)
-        self.ages = window.ages(first, count)
+        self.ages = ages_in_knots(window.knots, first, count)
         self.equations: Equations = assembled(self.intervals, point, self.ages)
         self.samples = float(self.intervals.samples.sum())
         self.power = float(self.intervals.energy.sum()) / max(self.samples, 1.0)
@@ -407,7 +403,7 @@ class Linearised:
         self.terms: Terms = knowledge.terms_at(point, ridge, window.walks())
 
     def reduced(self, variance: float, scales: Scales) -> Reduced:
-        """Eliminate the disturbance with its two scales."""
+        """Eliminate the disturbance with its three scales."""
         force = math.sqrt(self.power) + 1e-9
         level = np.full(self.differences.shape[1], 1.0 / (_LEVEL * force) ** 2)
         about = np.zeros(len(level))
@@ -422,7 +418,7 @@ class Linearised:
     def _roughness(
         self, scales: Scales, force: float, level: FloatArray
     ) -> tuple[Roughness, float]:
-        """Return the prior of the differences, and the logarithm that it gives to the evidence.
+        """Return the prior of the course, and the logarithm that it gives to the evidence.
 
         Differences have Student distributions, replaced by normal ones with the most likely
         precision for the last values, which is a lower bound of the evidence.
@@ -432,16 +428,23 @@ class Linearised:
         ratio = np.square(self.differences / deviation)
         ratio = np.where(np.isnan(ratio), _UNKNOWN_RATIO, ratio)
         precision = (_FREEDOM + 1.0) / (_FREEDOM + ratio)
+        extent = float((EXTENTS[scales.extent] * force) ** -2.0)
         if scales.increment == 0 or self.window.start is not None:
             # offset and slope have the prior of `level` alone
-            rough = Roughness(np.zeros(len(level)), precision[1] / deviation[1] ** 2)
+            rough = Roughness(np.zeros(len(level)), precision[1] / deviation[1] ** 2, extent)
             logarithm = np.log(rough.second[1:-1]).sum() + np.log(level[:2]).sum()
-            return rough, 0.5 * float(logarithm + _student(precision)[1, 1:-1].sum())
-        shares, _ = shares_of_prior(Roughness(*(precision / deviation**2)))
-        precision = (_FREEDOM + shares) / (_FREEDOM + ratio)
-        rough, bound = Roughness(*(precision / deviation**2)), _student(precision)
-        logarithm = shares_of_prior(rough)[1] + math.log(level[0])
-        return rough, 0.5 * float(logarithm + bound[0, :-1].sum() + bound[1, 1:-1].sum())
+            student = _student(precision)[1, 1:-1].sum()
+        else:
+            first, second = precision / deviation**2
+            shares, _ = shares_of_prior(Roughness(first, second, extent))
+            precision = (_FREEDOM + shares) / (_FREEDOM + ratio)
+            (first, second), bound = precision / deviation**2, _student(precision)
+            rough = Roughness(first, second, extent)
+            logarithm = shares_of_prior(rough)[1] + math.log(level[0])
+            student = bound[0, :-1].sum() + bound[1, 1:-1].sum()
+        if extent > 0.0:
+            logarithm = log_determinant_of_prior(rough, level)
+        return rough, 0.5 * float(logarithm + student)
 
 
 class _Solution(NamedTuple):
@@ -563,19 +566,22 @@ def _best_disturbance(
     at: Linearised, variance: float, scales: Scales
 ) -> tuple[Scales, _Solution | None, list[_Solution]]:
     """Return the scales with the best ones of the disturbance, see `_best_scales`."""
-    last = {'disturbance': at.window.liveliest, 'increment': len(INCREMENTS) - 1}
-    last['increment'] *= scales.disturbance >= _LEAST_MOVING
+    last = {'disturbance': at.window.liveliest, 'increment': 0, 'extent': 0}
+    if scales.disturbance >= _LEAST_MOVING:
+        last |= {'increment': len(INCREMENTS) - 1, 'extent': len(EXTENTS) - 1}
     scales = best = replace(scales, **{one: min(getattr(scales, one), last[one]) for one in last})
     solution = _solution(at, at.reduced(variance, scales), scales)
     tried = [] if solution is None else [solution]
-    moves = [(name, away, 0.0) for name in last for away in (-1, 1)]
+    moves = [({name: away}, 0.0) for name in last for away in (-1, 1)]
+    # of 1/f noise each alone is best where it is
+    moves += [({'disturbance': away, 'increment': away}, 0.0) for away in (-1, 1)]
     # where one muscle explains all, a sensor's filter would pass for an effort
-    moves += [('disturbance', _EFFORT, _SURE)] if at.window.changes else []
-    for name, away, least in moves:
-        place = getattr(scales, name) + away
-        if not 0 <= place <= last[name]:
+    moves += [({'disturbance': _EFFORT}, _SURE)] if at.window.changes else []
+    for move, least in moves:
+        places = {name: getattr(scales, name) + away for name, away in move.items()}
+        trial = replace(best, **places)
+        if trial == best or not all(0 <= place <= last[name] for name, place in places.items()):
             continue
-        trial = replace(best, **{name: place})
         other = _solution(at, at.reduced(variance, trial), trial)
         if other is None:
             continue

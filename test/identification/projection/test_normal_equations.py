@@ -10,18 +10,19 @@ from rpms_ros.identification.estimation.tracking import TrackingEstimator, Track
 from rpms_ros.identification.estimation.window_equations import (
     Point,
     Roughness,
+    ages_in_knots,
     assembled,
     condensed,
     disturbance_at,
     eliminated,
     empty_intervals,
+    log_determinant_of_prior,
     no_change,
     shares_of_prior,
     steady,
     time_scale_derivative,
     time_scaled,
 )
-from rpms_ros.identification.estimation.window_fit import Window
 from rpms_ros.identification.model.basis import LaguerreBasis
 from rpms_ros.identification.model.recruitment import (
     PARAMETERS,
@@ -123,6 +124,8 @@ FUNCTIONS, INTERVALS, SAMPLES, KNOTS, FIRST = 6, 9, 60, 2, 100
 LOCAL = NONLINEAR + FUNCTIONS
 # the newest distance of knots is shorter, as that since a pause
 AGES, VARIANCE = np.array([0.0, 2.0, 5.0]), 0.04
+# information about the level of a knot
+LEVEL = 0.01
 
 
 def past(knots, age):
@@ -154,8 +157,7 @@ class Written:
             times=FIRST + INTERVALS - AGES,
         )
         self.now = float(INTERVALS)
-        window = Window(0, 0, 1, self.point.times, (False, False), no_change(FUNCTIONS))
-        self.ages = window.ages(FIRST, INTERVALS)
+        self.ages = ages_in_knots(self.point.times, FIRST, INTERVALS)
 
     def intervals(self):
         """Return what the estimator keeps of it; the fifth interval holds no sample."""
@@ -205,7 +207,10 @@ class Written:
 def penalty_of(rough):
     """Return the information (knots, knots) of a prior of differences."""
     first, second = (np.diff(np.eye(INTERVALS + 1), order, axis=0) for order in (1, 2))
-    return first.T * rough.first[:-1] @ first + second.T * rough.second[1:-1] @ second
+    differences = first.T * rough.first[:-1] @ first + second.T * rough.second[1:-1] @ second
+    # a mean that is not known has a prior of its own
+    apart = np.full(INTERVALS + 1, rough.extent)
+    return differences + np.diag(apart) - np.outer(apart, apart) / (apart.sum() + LEVEL)
 
 
 def dense(written, rough, level, about):
@@ -228,12 +233,12 @@ def dense(written, rough, level, about):
     return information, gradient, cost, levels, step
 
 
-@pytest.mark.parametrize('seed', [0, 1])
-def test_the_equations_are_those_of_all_samples(seed):
+@pytest.mark.parametrize(('seed', 'extent'), [(0, 0.0), (1, 0.0), (2, 5.0)])
+def test_the_equations_are_those_of_all_samples(seed, extent):
     written = Written(seed)
     generator = np.random.default_rng(seed)
-    rough = Roughness(*generator.uniform(1.0, 100.0, (2, INTERVALS + 1)))
-    level = np.full(INTERVALS + 1, 0.01)
+    rough = Roughness(*generator.uniform(1.0, 100.0, (2, INTERVALS + 1)), extent)
+    level = np.full(INTERVALS + 1, LEVEL)
     about = generator.standard_normal(INTERVALS + 1)
     equations = assembled(written.intervals(), written.point, written.ages)
     reduced = eliminated(equations, VARIANCE, rough, level, about)
@@ -245,8 +250,17 @@ def test_the_equations_are_those_of_all_samples(seed):
     np.testing.assert_allclose(disturbance_at(reduced, step), levels, rtol=1e-5, atol=1e-7)
 
 
+@pytest.mark.parametrize('extent', [0.0, 5.0])
+def test_determinant_of_the_prior_of_a_course(extent):
+    differences = np.random.default_rng(4).uniform(1.0, 100.0, (2, INTERVALS + 1))
+    rough, level = Roughness(*differences, extent), np.full(INTERVALS + 1, LEVEL)
+    whole = penalty_of(rough) + np.diag(level)
+    found = log_determinant_of_prior(rough, level)
+    assert found == pytest.approx(np.linalg.slogdet(whole)[1], rel=1e-9)
+
+
 def test_shares_of_the_prior_of_differences():
-    rough = Roughness(*np.random.default_rng(3).uniform(1.0, 100.0, (2, INTERVALS + 1)))
+    rough = Roughness(*np.random.default_rng(3).uniform(1.0, 100.0, (2, INTERVALS + 1)), 0.0)
     shares, logarithm = shares_of_prior(rough)
     # the increments are all but the level of the first knot
     increments = np.tri(INTERVALS + 1, INTERVALS, -1)
