@@ -230,7 +230,7 @@ class WindowPrior:
             step[:PARAMETERS][leaves] = inside[leaves]
             free = ~held
             rest = right[free] - hessian[np.ix_(free, held)] @ step[held]
-            step[free] = np.linalg.solve(hessian[np.ix_(free, free)], rest)
+            step[free] = scaled_inverse(hessian[np.ix_(free, free)]) @ rest
         step[:PARAMETERS] = np.clip(step[:PARAMETERS], low, high)
         return step
 
