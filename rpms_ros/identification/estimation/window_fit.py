@@ -429,21 +429,21 @@ class Linearised:
         ratio = np.where(np.isnan(ratio), _UNKNOWN_RATIO, ratio)
         precision = (_FREEDOM + 1.0) / (_FREEDOM + ratio)
         extent = float((EXTENTS[scales.extent] * force) ** -2.0)
-        if scales.increment == 0 or self.window.start is not None:
-            # offset and slope have the prior of `level` alone
-            rough = Roughness(np.zeros(len(level)), precision[1] / deviation[1] ** 2, extent)
-            logarithm = np.log(rough.second[1:-1]).sum() + np.log(level[:2]).sum()
-            student = _student(precision)[1, 1:-1].sum()
-        else:
+        moves = scales.increment > 0 and self.window.start is None
+        if moves:
             first, second = precision / deviation**2
             shares, _ = shares_of_prior(Roughness(first, second, extent))
             precision = (_FREEDOM + shares) / (_FREEDOM + ratio)
-            (first, second), bound = precision / deviation**2, _student(precision)
-            rough = Roughness(first, second, extent)
-            logarithm = shares_of_prior(rough)[1] + math.log(level[0])
-            student = bound[0, :-1].sum() + bound[1, 1:-1].sum()
+        (first, second), bound = precision / deviation**2, _student(precision)
+        # without increments offset and slope have the prior of `level` alone
+        rough = Roughness(first if moves else np.zeros(len(level)), second, extent)
+        student = bound[1, 1:-1].sum() + (bound[0, :-1].sum() if moves else 0.0)
         if extent > 0.0:
             logarithm = log_determinant_of_prior(rough, level)
+        elif moves:
+            logarithm = shares_of_prior(rough)[1] + math.log(level[0])
+        else:
+            logarithm = np.log(second[1:-1]).sum() + np.log(level[:2]).sum()
         return rough, 0.5 * float(logarithm + student)
 
 
