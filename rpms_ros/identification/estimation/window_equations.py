@@ -566,11 +566,9 @@ class Reduced(NamedTuple):
         Cost at the point, with the best disturbance.
     evidence : ndarray (1,)
         Logarithm of the factor that the disturbance gives to the evidence.
-    factor : ndarray (knots, unknowns + 5)
+    factor : ndarray (knots + 1, unknowns + 5)
         Rows from which the disturbance follows: coupling with x and with its mean, right-hand
-        side, with the next two knots, and pivot.
-    mean : ndarray (unknowns + 2,)
-        The row of its mean: coupling with x, pivot, and right-hand side.
+        side, with the next two knots, and pivot; the last row is that of the mean.
     """
 
     matrix: FloatArray
@@ -578,7 +576,6 @@ class Reduced(NamedTuple):
     cost: FloatArray
     evidence: FloatArray
     factor: FloatArray
-    mean: FloatArray
 
 
 class Roughness(NamedTuple):
@@ -689,7 +686,7 @@ def eliminated(
     unknowns, knots = len(equations.right), len(equations.band)
     # the mean counts as one more unknown
     right, ahead, pivot = unknowns + 1, unknowns + 2, unknowns + 4
-    factor = np.zeros((knots, unknowns + 5))
+    factor = np.zeros((knots + 1, unknowns + 5))
     scale = 1.0 / variance
     cost = scale * equations.energy[0]
     for knot in range(knots):
@@ -700,14 +697,18 @@ def eliminated(
         factor[knot, pivot] = scale * equations.band[knot, 0] + level[knot]
         factor[knot, right] += level[knot] * about[knot]
         cost += level[knot] * about[knot] * about[knot]
-    _add_roughness(rough, right, factor)
+    _add_roughness(rough, right, factor[:knots])
     right_hand, matrix = np.zeros(right), np.zeros((right, right))
     right_hand[:unknowns] = scale * equations.right
     matrix[:unknowns, :unknowns] = scale * equations.matrix
     # a mean as far from zero as the newest knot may be
     matrix[unknowns, unknowns] = knots * rough.extent + level[-1]
     logarithm = np.log(matrix[unknowns, unknowns])
-    for knot in range(knots):
+    for knot in range(knots + 1):
+        if knot == knots:
+            factor[knot, :unknowns] = matrix[unknowns, :unknowns]
+            factor[knot, right] = right_hand[unknowns]
+            factor[knot, pivot] = matrix[unknowns, unknowns]
         inverse = 1.0 / factor[knot, pivot]
         logarithm += np.log(inverse)
         cost -= factor[knot, right] * factor[knot, right] * inverse
@@ -719,18 +720,10 @@ def eliminated(
             for column in range(row + 1):
                 matrix[row, column] -= share * factor[knot, column]
         _pass_on(factor, knot, right)
-    mean = np.append(matrix[unknowns], right_hand[unknowns])
-    inverse = 1.0 / mean[unknowns]
-    logarithm += np.log(inverse)
-    cost -= mean[right] * mean[right] * inverse
-    for row in range(unknowns):
-        share = mean[row] * inverse
-        right_hand[row] -= share * mean[right]
-        for column in range(row + 1):
-            matrix[row, column] -= share * mean[column]
-            matrix[column, row] = matrix[row, column]
     left, rest = matrix[:unknowns, :unknowns].copy(), right_hand[:unknowns].copy()
-    return Reduced(left, rest, np.full(1, cost), np.full(1, 0.5 * logarithm), factor, mean)
+    for row in range(unknowns):
+        left[:row, row] = left[row, :row]
+    return Reduced(left, rest, np.full(1, cost), np.full(1, 0.5 * logarithm), factor)
 
 
 @numba.njit(cache=True)
@@ -749,19 +742,18 @@ def log_determinant_of_prior(rough: Roughness, level: FloatArray) -> float:
 @numba.njit(cache=True)
 def disturbance_at(reduced: Reduced, step: FloatArray) -> FloatArray:
     """Return the disturbance at its knots (knots,) [N] after a step of x (unknowns,)."""
-    factor, mean = reduced.factor, reduced.mean
-    knots, unknowns = len(factor), len(step)
-    levels = np.zeros(knots)
-    x = np.append(step, mean[unknowns + 1])
-    for column in range(unknowns):
-        x[unknowns] -= mean[column] * step[column]
-    x[unknowns] /= mean[unknowns]
-    for knot in range(knots - 1, -1, -1):
+    factor, unknowns = reduced.factor, len(step)
+    knots = len(factor) - 1
+    # nothing is coupled with what lies behind the newest knot
+    levels, x = np.zeros(knots + 3), np.append(step, 0.0)
+    for knot in range(knots, -1, -1):
         total = factor[knot, unknowns + 1]
         for column in range(unknowns + 1):
             total -= factor[knot, column] * x[column]
         for ahead in range(1, 3):
-            if knot + ahead < knots:
-                total -= factor[knot, unknowns + 1 + ahead] * levels[knot + ahead]
-        levels[knot] = total / factor[knot, unknowns + 4]
-    return levels
+            total -= factor[knot, unknowns + 1 + ahead] * levels[knot + ahead]
+        if knot == knots:
+            x[unknowns] = total / factor[knot, unknowns + 4]
+        else:
+            levels[knot] = total / factor[knot, unknowns + 4]
+    return levels[:knots]

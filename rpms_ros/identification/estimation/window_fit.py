@@ -911,7 +911,8 @@ def _accept(
     fit.first = int(at.intervals.first[0])
     fit.known_at = at.point
     fit.covariance = covariance * max(1.0, fit.inflation / max(fit.colour, _MOST_INFLATION))
-    fit.level_deviation = math.sqrt(1.0 / float(solution.reduced.factor[-1, -1]))
+    # of the newest knot: the row behind it is that of the mean
+    fit.level_deviation = math.sqrt(1.0 / float(solution.reduced.factor[-2, -1]))
     fit.evidence = solution.evidence
     fit.misfit = solution.left / at.samples
     explained = float(solution.reduced.evidence[0]) - 0.5 * solution.left
