@@ -143,7 +143,7 @@ class Clinic:
     def end(self):
         """Stop, and compare what was delivered with what was recorded."""
         self._type(self._button_keys, b' ')
-        # Not until it runs no more: the last status may be older than a run that just began.
+        # a status that is not RUNNING may be older than a run that just began
         self.graph.wait_for(lambda: self._state == DriverStatus.STOPPED)
         self._count_driver()
         counts = self.recorder.counts
