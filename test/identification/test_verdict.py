@@ -198,8 +198,8 @@ def test_a_curve_may_be_known_without_the_parameters_of_arctangents(trial, fitte
 
 def test_a_curve_that_is_wide_anywhere_is_not_good(trial, fitted):
     last = fitted.last
-    middle = np.where(np.abs(last.curve_intensity - 0.5) < 0.05, 0.12, 0.0) * last.curve_force[-1]
-    wide = replace(last, curve_upper=last.curve_upper + middle)
+    middle = np.where(np.abs(last.curve_intensity - 0.5) < 0.05, 0.026, 0.0)
+    wide = replace(last, curve_upper=last.curve_upper + middle * last.curve_force[-1])
     verdict = verdict_of(replace(fitted, estimates=[*fitted.estimates[:-1], wide]), *trial)
     assert verdict.grade == 'doubtful'
     assert re.search(r'the force at intensity 0\.\d+ is known only as', verdict.line)

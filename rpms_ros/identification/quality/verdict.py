@@ -73,6 +73,8 @@ _DEEPEST_SWING, _WORST_SWING = 0.15, 0.5
 _HELD_OUT_TIMES, _LARGEST_HELD_OUT = 3.0, 0.05
 # Half the interval of a curve that is known whatever its parameters are: share of its maximum.
 _NARROW = 0.03
+# That of a good one: an error of 2 % would be 3.3 standard deviations, one of a thousand.
+_KNOWN = 0.012
 # Length of the end that is judged: two periods of the slow sinusoids in use; a muscle that tires
 # changes by a quarter meanwhile, which leaves 0.03 of the variance unexplained.  Half of it for an
 # estimator that follows such changes, because its estimate is that of the end.
@@ -443,8 +445,8 @@ def _of_the_estimator(
     flags = dict(zip(last.nonlinear_names, last.nonlinear_identifiability.tolist(), strict=False))
     # a curve of another shape may be known without the parameters of the nearest arctangents
     half = 0.5 * (last.curve_upper - last.curve_lower)
-    most = _NARROW * np.abs(last.curve_force).max(initial=0.0)
-    narrow = len(half) and half.max() < most
+    highest = np.abs(last.curve_force).max(initial=0.0)
+    narrow = len(half) and half.max() < _NARROW * highest
     unknown = [name for name, flag in flags.items() if flag == NOT_INFORMED and not narrow]
     if flags and len(unknown) == len(flags):
         yield NO, 'the data tell nothing about the recruitment curve: no parameter is informed'
@@ -455,7 +457,7 @@ def _of_the_estimator(
         low, high = recruiting_range(pulses.intensity, (1.0, 0.0))
         given = (last.curve_intensity >= low) & (last.curve_intensity <= high)
         place = int(np.argmax(np.where(given, half, 0.0)))
-        if half[place] > most:
+        if half[place] > _KNOWN * highest:
             text = (
                 f'the force at intensity {last.curve_intensity[place]:.2g} is known only as '
                 f'{last.curve_lower[place]:.3g} to {last.curve_upper[place]:.3g} {last.unit}'
