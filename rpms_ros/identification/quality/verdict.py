@@ -444,9 +444,8 @@ def _of_the_estimator(
         yield NO, 'the parameters of the recruitment curve are still those of the start'
     flags = dict(zip(last.nonlinear_names, last.nonlinear_identifiability.tolist(), strict=False))
     # a curve of another shape may be known without the parameters of the nearest arctangents
-    half = 0.5 * (last.curve_upper - last.curve_lower)
-    highest = np.abs(last.curve_force).max(initial=0.0)
-    narrow = len(half) and half.max() < _NARROW * highest
+    half = (last.curve_upper - last.curve_lower) / 2 / np.abs(last.curve_force).max(initial=1e-99)
+    narrow = len(half) and half.max() < _NARROW
     unknown = [name for name, flag in flags.items() if flag == NOT_INFORMED and not narrow]
     if flags and len(unknown) == len(flags):
         yield NO, 'the data tell nothing about the recruitment curve: no parameter is informed'
@@ -457,7 +456,7 @@ def _of_the_estimator(
         low, high = recruiting_range(pulses.intensity, (1.0, 0.0))
         given = (last.curve_intensity >= low) & (last.curve_intensity <= high)
         place = int(np.argmax(np.where(given, half, 0.0)))
-        if half[place] > _KNOWN * highest:
+        if half[place] > _KNOWN:
             text = (
                 f'the force at intensity {last.curve_intensity[place]:.2g} is known only as '
                 f'{last.curve_lower[place]:.3g} to {last.curve_upper[place]:.3g} {last.unit}'
