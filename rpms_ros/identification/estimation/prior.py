@@ -331,11 +331,14 @@ def walk_information(lengths: tuple[float, ...], pauses: tuple[bool, ...]) -> Fl
     )
 
 
+@numba.njit(cache=True)
 def scaled_inverse(matrix: FloatArray) -> FloatArray:
     """Return the inverse (n, n) of a symmetric matrix whose rows differ much in size."""
+    if not np.isfinite(matrix).all():
+        return np.full_like(matrix, np.nan)
     scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    scaled = matrix * np.outer(scale, scale) + ROUNDING * np.eye(len(matrix))
-    inverse: FloatArray = np.linalg.inv(scaled) * np.outer(scale, scale)
+    both = np.outer(scale, scale)
+    inverse: FloatArray = np.linalg.inv(matrix * both + ROUNDING * np.eye(len(matrix))) * both
     return 0.5 * (inverse + inverse.T)
 
 

@@ -136,22 +136,24 @@ def time_scaled_columns(
     functions = powers.shape[1]
     matrix = _time_scaling(slowing, powers)
     first = len(right) - functions - 2
-    part = slice(first, first + functions)
-    # columns first, rows after
-    half, changed = gram.copy(), right.copy()
-    for row in range(len(right)):
-        for column in range(functions):
-            total = 0.0
-            for inner in range(functions):
-                total += gram[row, first + inner] * matrix[inner, column]
-            half[row, first + column] = total
-    both = half.copy()
-    both[part] = 0.0
-    changed[part] = 0.0
+    last = first + functions
+    both, changed = gram.copy(), right.copy()
+    both[first:last] = 0.0
+    changed[first:last] = 0.0
     for inner in range(functions):
-        for column in range(functions):
-            changed[first + column] += matrix[inner, column] * right[first + inner]
-            both[first + column] += matrix[inner, column] * half[first + inner]
+        for row in range(functions):
+            factor = matrix[inner, row]
+            changed[first + row] += factor * right[first + inner]
+            for column in range(len(right)):
+                both[first + row, column] += factor * gram[first + inner, column]
+    for row in range(functions):
+        rows = both[first + row, first:last].copy()
+        both[first + row, first:last] = 0.0
+        for inner in range(functions):
+            for column in range(functions):
+                both[first + row, first + column] += rows[inner] * matrix[inner, column]
+    both[:first, first:last] = both[first:last, :first].T
+    both[last:, first:last] = both[first:last, last:].T
     return both, changed
 
 
@@ -319,8 +321,7 @@ def condensed(
     for place in range(len(intervals.samples)):
         gram = intervals.gram[place]
         for row in range(len(gram)):
-            for column in range(row):
-                gram[column, row] = gram[row, column]
+            gram[:row, row] = gram[row, :row]
     return intervals
 
 
@@ -432,12 +433,13 @@ def _add_now(
     gram: FloatArray, rest: FloatArray, gain: float, index: int, local: int, equations: Equations
 ) -> None:
     """Add theta, w and the disturbance of an interval; `rest` is what is left of the samples."""
+    squared = gain * gain
     for row in range(local):
         equations.right[row] += gain * rest[row]
-        for column in range(local):
-            equations.matrix[row, column] += gain * gain * gram[row, column]
+        for column in range(row + 1):
+            equations.matrix[row, column] += squared * gram[row, column]
         for hat in range(2):
-            equations.coupling[index + hat, row] += gain * gram[row, local + hat]
+            equations.coupling[index + hat, row] += gain * gram[local + hat, row]
     for hat in range(2):
         equations.coupling[index + hat, -1] += rest[local + hat]
         equations.band[index + hat, 0] += gram[local + hat, local + hat]
@@ -445,67 +447,86 @@ def _add_now(
 
 
 @numba.njit(cache=True)
-def _changing_columns(
-    force: FloatArray,
-    slow: FloatArray,
+def _add_past(
+    products: FloatArray,
+    rests: FloatArray,
+    squares: FloatArray,
     gain: float,
+    index: int,
     position: float,
-    knots: int,
-    local: int,
-    basis: FloatArray,
-    place: IntArray,
-) -> int:
-    """Write the columns of slow changes that act in an interval; return how many."""
-    count = 0
+    equations: Equations,
+) -> None:
+    """Add the slow changes that act in an interval, at the two knots beside its age.
+
+    Parameters
+    ----------
+    products, rests, squares : ndarray (4, local + 2), (4,), (4, 4)
+        Columns of gain, slowing, u_thr and u_sat: against those of the interval, what is left of
+        its samples, and one another.
+    gain : float
+        Of the interval.
+    index : int
+        Its number in the window.
+    position : float
+        Its age, counted in knots.
+    equations : Equations
+        To which they are added.
+    """
+    kinds, local = len(products), products.shape[1] - 2
+    knots = (len(equations.right) - local) // kinds
     knot = min(int(position), knots - 1)
     share = position - knot
     for side in range(2):
-        if knots == 0 or knot - 1 + side < 0:
+        if knot - 1 + side < 0:
             continue
         hat = share if side else 1.0 - share
-        place[count] = local + knot - 1 + side
-        basis[count] = hat * force
-        place[count + 1] = local + knots + knot - 1 + side
-        basis[count + 1] = (hat * gain) * slow
-        count += 2
-        for moving in range(MOVING):
-            place[count] = local + (2 + moving) * knots + knot - 1 + side
-            basis[count] = 0.0
-            basis[count, moving] = hat * gain
-            count += 1
-    return count
+        for kind in range(kinds):
+            row, product = local + kind * knots + knot - 1 + side, products[kind]
+            equations.right[row] += hat * rests[kind]
+            for column in range(local):
+                equations.matrix[row, column] += (hat * gain) * product[column]
+            for end in range(2):
+                equations.coupling[index + end, row] += hat * product[local + end]
+            for other in range(kinds):
+                column = local + other * knots + knot - 1 + side
+                equations.matrix[row, column] += hat * hat * squares[kind, other]
+                if side and knot > 0:
+                    equations.matrix[row, column - 1] += hat * (1.0 - hat) * squares[kind, other]
+                    equations.matrix[row - 1, column] += hat * (1.0 - hat) * squares[kind, other]
 
 
 @numba.njit(cache=True)
-def _add_past(
-    gram: FloatArray,
-    rest: FloatArray,
-    gain: float,
-    index: int,
-    local: int,
-    basis: FloatArray,
-    place: IntArray,
-    equations: Equations,
+def _columns_of_changes(point: Point) -> tuple[FloatArray, IntArray]:
+    """Return the columns (4, columns) of gain, slowing, u_thr and u_sat.
+
+    By those of an interval, and where each begins and ends.  If nothing changes only the first,
+    that of the force.
+    """
+    nonlinear, local = len(point.theta), len(point.theta) + len(point.linear)
+    columns = np.zeros((2 + MOVING, local + 2))
+    columns[0, nonlinear:local] = point.linear
+    # D commutes with its exponential
+    columns[1, nonlinear:local] = time_scale_derivative(point.linear)
+    bounds = np.array([[nonlinear, local]] * 2 + [[0, 1]] * MOVING)
+    for moving in range(MOVING):
+        columns[2 + moving, moving] = 1.0
+        bounds[2 + moving] += moving
+    used = 2 + MOVING if len(point.gain) else 1
+    return columns[:used], bounds[:used]
+
+
+@numba.njit(cache=True)
+def _multiply(
+    columns: FloatArray, bounds: IntArray, gain: float, sums: FloatArray, products: FloatArray
 ) -> None:
-    """Add columns (columns, local + 2), whose unknowns are at `place`, of an interval."""
-    for extra in range(len(place)):
-        row = place[extra]
-        product = gram @ basis[extra]
-        total = 0.0
-        for column in range(local + 2):
-            total += basis[extra, column] * rest[column]
-        equations.right[row] += total
-        for column in range(local):
-            value = gain * product[column]
-            equations.matrix[row, column] += value
-            equations.matrix[column, row] += value
-        for hat in range(2):
-            equations.coupling[index + hat, row] += product[local + hat]
-        for other in range(len(place)):
-            total = 0.0
-            for column in range(local):
-                total += basis[other, column] * product[column]
-            equations.matrix[row, place[other]] += total
+    """Write columns times sums (columns, n) into products; all but the force by the gain."""
+    products[:] = 0.0
+    for kind in range(len(columns)):
+        factor = gain if kind else 1.0
+        for row in range(bounds[kind, 0], bounds[kind, 1]):
+            value = factor * columns[kind, row]
+            for column in range(sums.shape[1]):
+                products[kind, column] += value * sums[row, column]
 
 
 @numba.njit(cache=True)
@@ -525,17 +546,12 @@ def assembled(intervals: Intervals, point: Point, position: FloatArray) -> Equat
     matrix, right_hand = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
     coupling, band = np.zeros((ends, unknowns + 1)), np.zeros((ends, 3))
     equations = Equations(matrix, right_hand, coupling, band, np.zeros(1))
-    knots = len(point.gain)
-    nonlinear = len(point.theta)
-    local = nonlinear + len(point.linear)
-    force = np.zeros(local + 2)
-    slow = np.zeros(local + 2)
-    force[nonlinear:local] = point.linear
-    # D commutes with its exponential
-    slow[nonlinear:local] = time_scale_derivative(point.linear)
+    local = len(point.theta) + len(point.linear)
     powers = time_scaling_terms(len(point.linear))
-    basis = np.zeros((2 * (2 + MOVING), local + 2))
-    place = np.zeros(len(basis), dtype=np.int64)
+    columns, bounds = _columns_of_changes(point)
+    kinds = len(columns)
+    products, rests = np.zeros((kinds, local + 2)), np.zeros((kinds, 1))
+    squares = np.zeros((kinds, kinds))
     for index in range(len(intervals.samples)):
         if intervals.samples[index] == 0.0:
             continue
@@ -544,14 +560,19 @@ def assembled(intervals: Intervals, point: Point, position: FloatArray) -> Equat
         gram, right = intervals.gram[index], intervals.right[index]
         if abs(delay) >= NO_SLOWING:
             gram, right = time_scaled_columns(gram, right, delay, powers)
+        _multiply(columns, bounds, gain, gram, products)
         # right-hand side of the residual at the point, by the columns of the interval
-        rest = right - gain * (gram @ force)
+        rest = right - gain * products[0]
         equations.energy[0] += intervals.energy[index]
-        for column in range(local):
-            equations.energy[0] -= gain * force[column] * (right[column] + rest[column])
+        for row in range(bounds[0, 0], bounds[0, 1]):
+            equations.energy[0] -= gain * columns[0, row] * (right[row] + rest[row])
         _add_now(gram, rest, gain, index, local, equations)
-        count = _changing_columns(force, slow, gain, position[index], knots, local, basis, place)
-        _add_past(gram, rest, gain, index, local, basis[:count], place[:count], equations)
+        if kinds > 1:
+            _multiply(columns, bounds, gain, rest.reshape(-1, 1), rests)
+            _multiply(columns, bounds, gain, products.T, squares)
+            _add_past(products, rests[:, 0], squares, gain, index, position[index], equations)
+    for row in range(unknowns):
+        matrix[:row, row] = matrix[row, :row]
     return equations
 
 
@@ -744,16 +765,13 @@ def disturbance_at(reduced: Reduced, step: FloatArray) -> FloatArray:
     """Return the disturbance at its knots (knots,) [N] after a step of x (unknowns,)."""
     factor, unknowns = reduced.factor, len(step)
     knots = len(factor) - 1
-    # nothing is coupled with what lies behind the newest knot
-    levels, x = np.zeros(knots + 3), np.append(step, 0.0)
+    # The mean stands behind the newest knot; as a level it is coupled with none.
+    levels = np.zeros(knots + 3)
     for knot in range(knots, -1, -1):
-        total = factor[knot, unknowns + 1]
-        for column in range(unknowns + 1):
-            total -= factor[knot, column] * x[column]
+        total = factor[knot, unknowns + 1] - factor[knot, unknowns] * levels[knots]
+        for column in range(unknowns):
+            total -= factor[knot, column] * step[column]
         for ahead in range(1, 3):
             total -= factor[knot, unknowns + 1 + ahead] * levels[knot + ahead]
-        if knot == knots:
-            x[unknowns] = total / factor[knot, unknowns + 4]
-        else:
-            levels[knot] = total / factor[knot, unknowns + 4]
+        levels[knot] = total / factor[knot, unknowns + 4]
     return levels[:knots]

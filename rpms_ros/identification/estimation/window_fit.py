@@ -94,13 +94,12 @@ def _left(
             coefficients[nonlinear + function] = gain[index] * response[function]
         coefficients[columns - 2] = levels[index]
         coefficients[columns - 1] = levels[index + 1]
-        squares[index] = intervals.energy[index]
+        right, left = intervals.right[index], scores[index]
+        left[:] = right
         for row in range(columns):
-            total = intervals.right[index, row]
             for column in range(columns):
-                total -= intervals.gram[index, row, column] * coefficients[column]
-            scores[index, row] = total
-            squares[index] -= coefficients[row] * (intervals.right[index, row] + total)
+                left[column] -= coefficients[row] * intervals.gram[index, row, column]
+        squares[index] = intervals.energy[index] - coefficients @ (right + left)
     return scores, squares
 
 
@@ -617,8 +616,8 @@ def _best_scales(at: Linearised, fit: WindowFit) -> tuple[Scales, _Solution, lis
     return best, solution, tried
 
 
-def _averaged(solution: _Solution, tried: list[_Solution]) -> tuple[FloatArray, FloatArray]:
-    """Return the step of x and its covariance, averaged over the likely scales.
+def _likely(solution: _Solution, tried: list[_Solution]) -> list[tuple[float, _Solution]]:
+    """Return the likely ones of the solutions at some scales, with their shares.
 
     The evidence of neighbouring scales often differs little: with the best one alone the estimate
     would jump from one to the next, and intervals would be too narrow.
@@ -626,13 +625,16 @@ def _averaged(solution: _Solution, tried: list[_Solution]) -> tuple[FloatArray, 
     # the best one in any case: where its evidence is huge, the difference is lost in rounding
     likely = [one for one in tried if one.evidence >= solution.evidence - _LIKELY]
     weight = np.exp([one.evidence - solution.evidence for one in likely])
-    weight /= weight.sum()
-    step = sum(share * one.step for share, one in zip(weight, likely, strict=True))
-    covariance = np.zeros_like(solution.hessian)
-    for share, one in zip(weight, likely, strict=True):
-        away = one.step - step
+    return list(zip(weight / weight.sum(), likely, strict=True))
+
+
+def _mixed_covariance(likely: list[tuple[float, _Solution]], mean: FloatArray) -> FloatArray:
+    """Return the covariance of x over likely scales, whose steps have a mean (unknowns,)."""
+    covariance = np.zeros((len(mean), len(mean)))
+    for share, one in likely:
+        away = one.step - mean
         covariance += share * (scaled_inverse(one.hessian) + np.outer(away, away))
-    return step, covariance
+    return covariance
 
 
 def gauss_newton_steps(
@@ -711,7 +713,8 @@ def _move(
     step of the linearised equations leads far beyond the least cost.  The equations at the new
     theta are returned if they hold for the new response too: the next step begins with them.
     """
-    step, covariance = _averaged(solution, tried)
+    likely = _likely(solution, tried)
+    step = mean = sum((share * one.step for share, one in likely), np.zeros_like(solution.step))
     certain = solution.here - solution.left < _CERTAIN
     if not certain and fit.damping > _LEAST_DAMPING:
         step = solution.damped(fit.damping)
@@ -720,7 +723,7 @@ def _move(
     bend = np.abs(step[PARAMETERS : len(at.point.theta) - 2]).max()
     # the step before was a mean over likely scales: of the prior of c a short one gains much
     if near and (certain or bend < _STRAIGHT):
-        _accept(fit, at, solution, step, covariance)
+        _accept(fit, at, solution, step, _mixed_covariance(likely, mean))
         _refresh_noise(fit, at)
         return None
     least, rest = solution.projected()
@@ -749,7 +752,7 @@ def _move(
                 return there
         fit.damping = min(max(fit.damping * _RISES, _LEAST_DAMPING), 1.0)
         step = _limited(at, solution, solution.damped(fit.damping))
-    _accept(fit, at, solution.with_cost(least), rest, covariance)
+    _accept(fit, at, solution.with_cost(least), rest, _mixed_covariance(likely, mean))
     _refresh_noise(fit, at)
     return None
 
@@ -788,7 +791,7 @@ def _refresh_noise(fit: WindowFit, at: Linearised) -> None:
     for lag in (1, 2, 3):
         cross = scores[lag:].T @ scores[:-lag]
         scatter += (1.0 - lag / 4.0) * (cross + cross.T)
-    steady = np.einsum('j,jkl->kl', gain**2, intervals.gram[:, :local, :local])
+    steady = np.tensordot(gain**2, intervals.gram, 1)[:local, :local]
     scale = 1.0 / np.sqrt(np.maximum(np.diag(steady), 1e-300))
     scaled = steady * np.outer(scale, scale) + 1e-6 * np.eye(local)
     ratio = np.trace(np.linalg.solve(scaled, scatter * np.outer(scale, scale)))
