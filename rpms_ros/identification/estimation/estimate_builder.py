@@ -96,18 +96,6 @@ class Uncertainty(NamedTuple):
         rest = np.delete(np.delete(self.covariance, part, axis=0), part, axis=1)
         return self._replace(covariance=rest)
 
-    def with_misfit(self, share: float, deviation: FloatArray) -> 'Uncertainty':
-        """Return the uncertainty where the response is wrong by a share of its area.
-
-        The recruitment takes up a part of what the response lacks.  No standard deviation exceeds
-        that of the prior, `deviation` (4,).
-        """
-        place = np.arange(PARAMETERS)
-        most = np.maximum(deviation**2 - np.diag(self.covariance)[:PARAMETERS], 0.0)
-        covariance = self.covariance.copy()
-        covariance[place, place] += np.minimum((share * _TAKEN_UP) ** 2, most)
-        return self._replace(covariance=covariance)
-
     def half_width(self, gradient: FloatArray, misfit: FloatArray | float = 0.0) -> FloatArray:
         """Return half the interval (n,) of quantities with this gradient (n, unknowns).
 
@@ -217,7 +205,7 @@ _NEAREST_STEPS, _WEAK = 12, 1e-6
 _GRID: FloatArray = np.linspace(0.02, 1.0, 50)
 
 
-def nearest_arctangents(theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+def nearest_arctangents(theta: FloatArray) -> tuple[FloatArray, FloatArray, float]:
     """Return the arctangents that are nearest to a recruitment but for a factor.
 
     Returns
@@ -226,10 +214,12 @@ def nearest_arctangents(theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         u_thr, u_sat, alpha_sat, alpha_thr: those of `theta` where there is no deviation.
     derivative : ndarray (4, len(theta))
         By `theta`; alpha as logarithms on both sides.
+    factor : float
+        By which the recruitment exceeds them.
     """
     here = coordinates(theta)
     if not theta[PARAMETERS:].any():
-        return theta[:PARAMETERS].copy(), np.eye(PARAMETERS, len(theta))
+        return theta[:PARAMETERS].copy(), np.eye(PARAMETERS, len(theta)), 1.0
     curve, slopes = recruitment_curve(_GRID, theta)
     found, gain, damping = here[:PARAMETERS].copy(), 1.0, 1e-3
     weak = _WEAK * np.eye(PARAMETERS + 1)
@@ -254,7 +244,7 @@ def nearest_arctangents(theta: FloatArray) -> tuple[FloatArray, FloatArray]:
             damping *= 10.0
     square = columns.T @ columns + weak
     derivative = np.linalg.solve(square, columns.T @ slopes).astype(np.float64)
-    return from_coordinates(found), derivative[:PARAMETERS]
+    return from_coordinates(found), derivative[:PARAMETERS], gain
 
 
 CONSTANT, LATENCY, ORDER = range(3)
@@ -580,12 +570,20 @@ class EstimateBuilder:
         """
         names = tuple(f'basis_{index + 1}' for index in range(len(found.linear)))
         levels = tuple(f'baseline_{index + 1}' for index in range(len(found.levels)))
-        parameters, derivative = nearest_arctangents(found.theta)
+        parameters, derivative, factor = nearest_arctangents(found.theta)
+        taken_up = np.zeros(len(CURVE_INTENSITY))
         fields: dict[str, Any] = {}
         if sure is not None:
-            sure = sure.with_misfit(self._share(found), deviation)
             part = slice(len(found.theta))
             covariance = derivative @ sure.covariance[part, part] @ derivative.T
+            place = np.arange(PARAMETERS)
+            most = np.maximum(deviation**2 - covariance[place, place], 0.0)
+            misfit = np.minimum((self._share(found) * _TAKEN_UP) ** 2, most)
+            covariance[place, place] += misfit
+            # The recruitment takes up a part of what the response lacks.  By the nearest
+            # arctangents: those of theta and its deviation stand in for each other.
+            slopes = factor * recruitment_curve(CURVE_INTENSITY, parameters)[1]
+            taken_up = np.sqrt(np.square(slopes) @ misfit)
             spread = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
             scale = np.minimum(1.0, deviation / spread)
             spread = spread * scale
@@ -596,8 +594,8 @@ class EstimateBuilder:
                 'nonlinear_identifiability': identifiability(spread, deviation, found.moved),
                 'condition_number': found.condition,
             }
-        fields |= self._curve(found, sure, *counters.intensity_range)
-        fields |= self._response(found, sure)
+        fields |= self._curve(found, sure, taken_up, *counters.intensity_range)
+        fields |= self._response(found, sure, float(taken_up[-1]))
         return Estimate(
             stamp_ns=stamp_ns,
             estimator=self._name,
@@ -622,9 +620,17 @@ class EstimateBuilder:
         return found.area_error / max(area, found.area_error, 1e-300)
 
     def _curve(
-        self, found: Muscle, sure: Uncertainty | None, low: float, high: float
+        self,
+        found: Muscle,
+        sure: Uncertainty | None,
+        taken_up: FloatArray,
+        low: float,
+        high: float,
     ) -> dict[str, FloatArray]:
-        """Return K rho(u) and its bounds [N]; empty if there was one intensity only."""
+        """Return K rho(u) and its bounds [N]; empty if there was one intensity only.
+
+        `taken_up` (n,) is the deviation of the recruitment by what the response lacks.
+        """
         if not high - low >= SMALLEST_INTENSITY_SPAN:
             return {'curve_force': np.empty(0)}
         area = self._rate_hz * self._basis.area
@@ -639,7 +645,7 @@ class EstimateBuilder:
         shape = _SHAPE * rho[-1] * np.minimum(CURVE_INTENSITY / _LOW, 1.0)
         error = self._rate_hz * found.area_error
         misfit = np.hypot(error * rho, max(error, MISFIT * abs(gain)) * shape)
-        half = sure.half_width(gradient, misfit)
+        half = sure.half_width(gradient, np.hypot(misfit, gain * taken_up))
         lower, upper = curve - half, curve + half
         # below the lowest intensity the force is only known to be no larger than there
         unseen = low > CURVE_INTENSITY
@@ -647,7 +653,9 @@ class EstimateBuilder:
         upper[unseen] = np.maximum(upper[unseen], np.interp(low, CURVE_INTENSITY, upper))
         return {'curve_force': curve, 'curve_lower': lower, 'curve_upper': upper}
 
-    def _response(self, found: Muscle, sure: Uncertainty | None) -> dict[str, Any]:
+    def _response(
+        self, found: Muscle, sure: Uncertainty | None, taken_up: float
+    ) -> dict[str, Any]:
         """Return the response to a pulse of full intensity, and its physiology."""
         linear = found.linear
         rho, _ = recruitment_curve(np.ones(1), found.theta)
@@ -660,6 +668,7 @@ class EstimateBuilder:
         )
         share = max(MISFIT, self._share(found))
         misfit = share * rho[0] * np.linalg.norm(linear) * np.linalg.norm(self._values, axis=1)
+        misfit = np.hypot(misfit, taken_up * (self._values @ linear))
         half = sure.half_width(self._values @ to_coefficients, misfit)
         fields: dict[str, Any] = {
             'response_force': response,
@@ -667,6 +676,7 @@ class EstimateBuilder:
             'response_upper': response + half,
         }
         covariance = to_coefficients @ sure.covariance @ to_coefficients.T
+        covariance += taken_up**2 * np.outer(linear, linear)
         twitch = self._reader.read(rho[0] * linear, covariance, share)
         if twitch is not None:
             values, width = twitch[0], sure.quantile * twitch[1]

@@ -105,7 +105,7 @@ class ProjectionEstimator:
     @property
     def parameters(self) -> RecruitmentParameters:
         """Arctangents that are nearest to the present recruitment."""
-        nearest, _ = nearest_arctangents(self._theta[: SUMMATION.start])
+        nearest, *_ = nearest_arctangents(self._theta[: SUMMATION.start])
         return RecruitmentParameters(*nearest.tolist())
 
     @property

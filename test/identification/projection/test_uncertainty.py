@@ -12,12 +12,22 @@ from rpms_ros.identification import estimator_by_name
 from rpms_ros.identification.estimation.batch import BatchEstimator
 from rpms_ros.identification.estimation.estimate_builder import (
     PHYSIOLOGY_NAMES,
+    Counters,
+    EstimateBuilder,
+    Muscle,
     ResidualSums,
+    Uncertainty,
     identifiability,
 )
 from rpms_ros.identification.estimation.settings import ProjectionSettings
 from rpms_ros.identification.model.basis import LaguerreBasis
-from rpms_ros.identification.model.estimate import CONVERGED, INFORMED, NOT_INFORMED
+from rpms_ros.identification.model.estimate import (
+    CONVERGED,
+    CURVE_INTENSITY,
+    INFORMED,
+    NOT_INFORMED,
+)
+from rpms_ros.identification.model.recruitment import MOST_SINES, recruitment_curve
 from rpms_ros.identification.quality.doubts import NO_CONSTANT_MUSCLE, REASON, RESPONSE_MISFIT
 from rpms_ros.muscle import Contraction, Subject, simulation_subject
 
@@ -206,6 +216,25 @@ def test_white_residuals_show_nothing_missing():
     assert sums.missing_area(MISSING_NOISE**2) < 6e-4
     assert sums._replace(cells=0.0).missing_area(MISSING_NOISE**2) == 0.0
     assert sums._replace(recruited=0.0).missing_area(MISSING_NOISE**2) == 0.0
+
+
+def test_a_misfit_widens_a_curve_alike_however_arctangents_and_deviation_share_it():
+    """1.1 in place of .15 % of two pools of units where arctangents had a place in a valley."""
+    basis = SETTINGS.basis
+    steep = np.array([0.89, 0.94, 12.0, 3.6])
+    alone = np.array([0.48, 0.98, 4.0, 6.0])
+    rho, slopes = recruitment_curve(CURVE_INTENSITY, np.append(steep, np.zeros(MOST_SINES)))
+    target = recruitment_curve(CURVE_INTENSITY, alone)[0]
+    bend = np.linalg.lstsq(slopes[:, 4:], target - rho, rcond=1e-6)[0]
+    builder = EstimateBuilder('any', basis, 20.0, 0.95, wide=True)
+    linear = np.ones(7)
+    width = []
+    for theta in (alone, np.append(steep, bend)):
+        found = Muscle(theta, linear, np.zeros(2), 0.0, area_error=0.01 * basis.area @ linear)
+        sure = Uncertainty(np.zeros((len(theta) + 7,) * 2), 0.95, theta, linear)
+        made = builder.make(0, found, sure, np.ones(4), Counters(1000, 100, (0.1, 1.0), 0.0), {})
+        width.append(made.curve_upper - made.curve_lower)
+    np.testing.assert_allclose(width[1], width[0], atol=0.1 * width[0].max())
 
 
 def test_what_is_missing_is_found_in_newton_seconds():
