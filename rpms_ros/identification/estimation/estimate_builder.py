@@ -167,6 +167,8 @@ class Muscle(NamedTuple):
         Of the last step, and condition number of the equations of w; 0 if there is none.
     area_error : float
         Standard deviation of the area of the response by what the functions miss of it [N s].
+    curve_error : float
+        That of the curve by what the sines miss of it, as a share of its end.
     """
 
     theta: FloatArray
@@ -176,6 +178,7 @@ class Muscle(NamedTuple):
     damping: float = 0.0
     condition: float = 0.0
     area_error: float = 0.0
+    curve_error: float = 0.0
 
 
 LEAST_GAIN = 0.7
@@ -642,10 +645,11 @@ class EstimateBuilder:
         height, slopes = self._recruitment(CURVE_INTENSITY, sure.theta)
         gradient = np.hstack((float(area @ sure.linear) * slopes, np.outer(height, area)))
         # an error of the shape does not end where the recruitment is small
-        shape = _SHAPE * rho[-1] * np.minimum(CURVE_INTENSITY / _LOW, 1.0)
+        shape = rho[-1] * np.minimum(CURVE_INTENSITY / _LOW, 1.0)
         error = self._rate_hz * found.area_error
-        misfit = np.hypot(error * rho, max(error, MISFIT * abs(gain)) * shape)
-        half = sure.half_width(gradient, np.hypot(misfit, gain * taken_up))
+        of_shape = math.hypot(_SHAPE * max(error, MISFIT * abs(gain)), gain * found.curve_error)
+        misfit = np.linalg.norm((error * rho, of_shape * shape, gain * taken_up), axis=0)
+        half = sure.half_width(gradient, misfit)
         lower, upper = curve - half, curve + half
         # below the lowest intensity the force is only known to be no larger than there
         unseen = low > CURVE_INTENSITY

@@ -34,7 +34,7 @@ from rpms_ros.identification.estimation.intake import (
 )
 from rpms_ros.identification.estimation.prior import FittedMuscle, WindowPrior, physiological_prior
 from rpms_ros.identification.estimation.settings import Baseline, Problem, ProjectionSettings
-from rpms_ros.identification.estimation.window_fit import INTERVAL_NS, fresh_fit
+from rpms_ros.identification.estimation.window_fit import INTERVAL_NS, beyond_the_sines, fresh_fit
 from rpms_ros.identification.model.basis import LaguerreBasis
 from rpms_ros.identification.model.estimate import (
     SMALLEST_INTENSITY_SPAN,
@@ -149,6 +149,7 @@ class ProjectionEstimator:
             moved=float(np.abs(fit.moved[:PARAMETERS]).max()),
             condition=condition_number(fit.covariance[own, own]),
             area_error=self._residual_sums().missing_area(fit.variance),
+            curve_error=beyond_the_sines(fit.scales, self.sines),
         )
         sure = fit.uncertainty(self.settings.confidence, self._basis_spread)
         sure = sure and sure.without(slice(nonlinear - 2, nonlinear))

@@ -593,7 +593,8 @@ class TrackingEstimator(ProjectionEstimator):
             if fit.inflation > _ALIKE * fit.colour:
                 fit.scales, fit.variance, fit.inflation = found.scales, found.variance, 1.0
             return
-        fit.point = found.point
+        # its knots are others: until the next step an estimate has to be of one fit
+        fit.point, fit.covariance, fit.known_at = found.point, found.covariance, found.known_at
         fit.scales, fit.variance = found.scales, found.variance
         fit.inflation = found.inflation
         fit.levels, fit.first = found.levels, found.first

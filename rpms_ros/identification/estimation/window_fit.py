@@ -502,6 +502,18 @@ DEVIATION_VARIANCES = {
     for size in range(len(SIZES))
     for length in range(len(LENGTHS))
 }
+
+
+def beyond_the_sines(scales: Scales, sines: int) -> float:
+    """Return the standard deviation of a recruitment by what these sines do not show of it.
+
+    As a share of the recruitment at full intensity.  Their variances fall with the sixth power of
+    the frequency, so all beyond the last have a fifth of the number of sines times its own.
+    """
+    last = DEVIATION_VARIANCES[scales.size, scales.length][sines - 1]
+    return math.sqrt(0.5 * sines / 5.0 * last)
+
+
 _NO_PRIOR: FloatArray = np.full(MOST_SINES, np.inf)
 
 

@@ -80,6 +80,28 @@ def test_a_steady_muscle(living_sessions, excitation):
     assert abs(last.rate[0]) < 1.0
 
 
+def test_a_basis_can_be_adopted_while_a_change_is_looked_for(living_sessions, monkeypatch):
+    """An estimate was made with a knot more than its covariance had, and failed."""
+    session = living_sessions.session('steady', 'random', 3, 13.0)
+    estimator = TrackingEstimator()
+    estimator.add_pulses(session.onset_ns, session.intensity)
+
+    def add(first, last):
+        part = slice(first, last)
+        usable = np.ones(last - first, dtype=bool)
+        estimator.update(session.stamp_ns[part], session.force[part], usable)
+
+    add(0, 12_000)
+    before = len(estimator._window.point.gain)
+    # no fit follows while it is not known what has changed
+    monkeypatch.setattr(estimator, '_step', lambda: None)
+    add(12_000, 12_900)
+    basis = estimator._basis
+    estimator._adopt(estimator._choice().explained(basis), basis)
+    assert len(estimator._window.point.gain) == before + 1
+    assert len(estimator.estimate(int(session.stamp_ns[12_899]), {}).rate) == 4
+
+
 def test_a_muscle_that_tires(living_sessions):
     session = living_sessions.session('fatigue', 'random', 1, 40.0)
     _, estimates = run(session)
