@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Intervals hold the truth as often as stated; a batch says whether one muscle explains all."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +21,7 @@ from rpms_ros.identification.estimation.estimate_builder import (
     identifiability,
 )
 from rpms_ros.identification.estimation.settings import ProjectionSettings
+from rpms_ros.identification.estimation.window_fit import LENGTHS, SIZES, Scales, beyond_the_sines
 from rpms_ros.identification.model.basis import LaguerreBasis
 from rpms_ros.identification.model.estimate import (
     CONVERGED,
@@ -27,7 +29,11 @@ from rpms_ros.identification.model.estimate import (
     INFORMED,
     NOT_INFORMED,
 )
-from rpms_ros.identification.model.recruitment import MOST_SINES, recruitment_curve
+from rpms_ros.identification.model.recruitment import (
+    MOST_SINES,
+    deviation_variance,
+    recruitment_curve,
+)
 from rpms_ros.identification.quality.doubts import NO_CONSTANT_MUSCLE, REASON, RESPONSE_MISFIT
 from rpms_ros.muscle import Contraction, Subject, simulation_subject
 
@@ -235,6 +241,15 @@ def test_a_misfit_widens_a_curve_alike_however_arctangents_and_deviation_share_i
         made = builder.make(0, found, sure, np.ones(4), Counters(1000, 100, (0.1, 1.0), 0.0), {})
         width.append(made.curve_upper - made.curve_lower)
     np.testing.assert_allclose(width[1], width[0], atol=0.1 * width[0].max())
+
+
+def test_what_the_sines_do_not_show_is_the_sum_of_all_beyond_them():
+    """Of the 25th to the 32nd and of those beyond it, whatever the length."""
+    for length in range(len(LENGTHS)):
+        scales = Scales(size=5, length=length)
+        between = 0.5 * deviation_variance(SIZES[5], LENGTHS[length])[24:32].sum()
+        both = math.sqrt(between + beyond_the_sines(scales, 32) ** 2)
+        assert beyond_the_sines(scales, 24) == pytest.approx(both, rel=0.05)
 
 
 def test_what_is_missing_is_found_in_newton_seconds():
