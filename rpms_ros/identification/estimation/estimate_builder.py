@@ -672,15 +672,14 @@ class EstimateBuilder:
         )
         share = max(MISFIT, self._share(found))
         misfit = share * rho[0] * np.linalg.norm(linear) * np.linalg.norm(self._values, axis=1)
-        misfit = np.hypot(misfit, taken_up * (self._values @ linear))
-        half = sure.half_width(self._values @ to_coefficients, misfit)
+        covariance = to_coefficients @ sure.covariance @ to_coefficients.T
+        covariance += taken_up**2 * np.outer(linear, linear)
+        half = sure._replace(covariance=covariance).half_width(self._values, misfit)
         fields: dict[str, Any] = {
             'response_force': response,
             'response_lower': response - half,
             'response_upper': response + half,
         }
-        covariance = to_coefficients @ sure.covariance @ to_coefficients.T
-        covariance += taken_up**2 * np.outer(linear, linear)
         twitch = self._reader.read(rho[0] * linear, covariance, share)
         if twitch is not None:
             values, width = twitch[0], sure.quantile * twitch[1]
