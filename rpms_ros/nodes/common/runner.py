@@ -12,6 +12,7 @@ from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from traceback import walk_stack
 from types import FrameType
 from typing import Any
 
@@ -62,7 +63,8 @@ class StopRequest:
 
     The handlers of rclpy shut the context down at once, so that publishing in a callback fails.
     The handler of Python raises in the running code, where the exception may get lost: callbacks
-    from C, as during compilation, print and discard it.  So the request is always stored too.
+    from C print and discard it.  So the request is always stored too.  Nothing is raised within
+    numba: what was half compiled or loaded would be called and crash the process.
 
     Attributes
     ----------
@@ -114,9 +116,12 @@ class StopRequest:
         for number in numbers:
             self._before[number] = signal.signal(number, self._on_signal)
 
-    def _on_signal(self, _number: int, _frame: FrameType | None) -> None:
+    def _on_signal(self, _number: int, frame: FrameType | None) -> None:
         again, self.made = self.made, True
-        if again or not self._spinning:
+        modules = {one.f_globals.get('__name__', '').split('.')[0] for one, _ in walk_stack(frame)}
+        if 'numba' in modules:
+            signal.setitimer(signal.ITIMER_REAL, 0.05)
+        elif again or not self._spinning:
             raise KeyboardInterrupt
 
 
@@ -221,11 +226,6 @@ def run(build: Callable[[], Node], args: Sequence[str] | None = None) -> int:
     except (RpmsError, *_BAD_ARGUMENTS) as error:
         print(f'error: {" ".join(str(error).split())}', file=sys.stderr)
         return 2
-    except Exception:
-        # while it is built, what fails after a signal fails because of it: compilation discards
-        # the interrupt and goes on without what was interrupted
-        if node is not None or not stop.made:
-            raise
     finally:
         if node is not None:
             node.destroy_node()
