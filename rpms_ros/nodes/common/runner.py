@@ -212,7 +212,6 @@ def run(build: Callable[[], Node], args: Sequence[str] | None = None) -> int:
     use_fast_discovery()
     stop = StopRequest()
     node: Node | None = None
-    hook, sys.unraisablehook = sys.unraisablehook, _without_interrupts
     try:
         rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
         node = build()
@@ -230,7 +229,6 @@ def run(build: Callable[[], Node], args: Sequence[str] | None = None) -> int:
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
-        sys.unraisablehook = hook
     return 0
 
 
@@ -239,12 +237,6 @@ def _warn_of_files_without_effect(arguments: Sequence[str], node: Node) -> None:
     if '--params-file' in arguments and not getattr(node, '_parameter_overrides', {}):
         name = node.get_fully_qualified_name()
         logger_of(node).warning(f'expected files with parameters for {name}, got none for it')
-
-
-def _without_interrupts(discarded: Any) -> None:
-    """Say what a callback from C has discarded, unless it is an interrupt: that is stored."""
-    if discarded.exc_type is not KeyboardInterrupt:
-        sys.__unraisablehook__(discarded)
 
 
 def _refuse_options(build: Callable[[], Node], options: Sequence[str]) -> None:
