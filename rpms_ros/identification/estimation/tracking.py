@@ -180,6 +180,9 @@ _CHALLENGED_NS = 30 * NANOSECONDS_PER_SECOND
 # A window that is not quite young is challenged once in so many steps.
 _RESTS, _OFTEN_NS = 4, 5 * NANOSECONDS_PER_SECOND
 _TRIAL_STEPS = 5
+# From this place in `SIZES` on the arctangents may be where the curve is not, and the deviation
+# makes up for it: they are tried elsewhere with less of it.
+_FAR_FROM_ARCTANGENTS = 5
 # The other has to be better by so much [nat].
 _DECISION = 3.0
 
@@ -540,14 +543,18 @@ class TrackingEstimator(ProjectionEstimator):
         lively = fit.scales.lively >= LIVELY
         if (length_ns > _CHALLENGED_NS or not fit.shows_response) and not lively:
             return
-        self._turn = (self._turn + 1) % (_RESTS * len(starts))
+        self._turn = (self._turn + 1) % (2 * _RESTS * len(starts))
         if length_ns > _OFTEN_NS and self._turn % _RESTS:
             return
-        other = fresh_fit(starts[self._turn // _RESTS], len(fit.point.linear))
+        again, place = divmod(self._turn // _RESTS, len(starts))
+        other, steps = fresh_fit(starts[place], len(fit.point.linear)), _TRIAL_STEPS
         other.variance, other.inflation, other.colour = fit.variance, fit.inflation, fit.colour
         other.left_out = fit.left_out
+        if again and fit.scales.size >= _FAR_FROM_ARCTANGENTS:
+            smaller = replace(fit.scales, size=fit.scales.size - 2)
+            other, steps = replace(fit, point=other.point, scales=smaller), 3 * _TRIAL_STEPS
         mine = replace(fit)
-        if not steps_at_fixed_scales(problem, other, knowledge, window, _TRIAL_STEPS):
+        if not steps_at_fixed_scales(problem, other, knowledge, window, steps):
             return
         if steps_at_fixed_scales(problem, mine, knowledge, window, 1) and (
             other.evidence > mine.evidence + _DECISION
