@@ -146,6 +146,49 @@ def test_a_signal_while_something_is_compiled_lets_it_be_compiled_first(python):
     assert ended(python, COMPILING) == (0, '1\n', '')
 
 
+SPINNING = """
+import os, signal, sys, threading
+from numba import njit
+from numba.extending import overload
+from rclpy.node import Node
+from rpms_ros.nodes.common.runner import run
+
+def one():
+    return 1
+
+@overload(one)
+def compiled_one():
+    os.kill(os.getpid(), signal.SIGINT)
+    return one
+
+class ExampleNode(Node):
+
+    def __init__(self):
+        super().__init__('example')
+        self.create_timer(0.01, self.compile)
+
+    def compile(self):
+        njit(lambda: one())()
+        # for longer than it takes until a signal that waits for numba comes again
+        threading.Event().wait(0.5)
+        print('finished', flush=True)
+
+sys.exit(run(ExampleNode))
+"""
+
+
+def test_a_callback_that_compiles_is_finished_after_a_signal(python):
+    assert ended(python, SPINNING) == (0, 'finished\n', '')
+
+
+def test_a_failure_while_a_node_is_built_is_not_hidden(python):
+    failing = COMPILING.replace('signal.SIGINT', '0')
+    failing = failing.replace('while True:', "raise RuntimeError('no node')")
+    code, _, err = ended(python, failing.replace('        pass\n', ''))
+    assert code == 1
+    assert 'RuntimeError: no node' in err
+
+
 def test_a_signal_while_modules_are_imported_is_no_traceback(monkeypatch):
     def interrupted(_):
         raise KeyboardInterrupt

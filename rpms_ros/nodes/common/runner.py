@@ -119,10 +119,10 @@ class StopRequest:
     def _on_signal(self, _number: int, frame: FrameType | None) -> None:
         again, self.made = self.made, True
         modules = {one.f_globals.get('__name__', '').split('.')[0] for one, _ in walk_stack(frame)}
-        if 'numba' in modules:
+        if again or not self._spinning:
+            if 'numba' not in modules:
+                raise KeyboardInterrupt
             signal.setitimer(signal.ITIMER_REAL, 0.05)
-        elif again or not self._spinning:
-            raise KeyboardInterrupt
 
 
 PROFILE = Path(__file__).with_name('fast_discovery.xml')
