@@ -106,15 +106,14 @@ class SharedTwitch:
     ----------
     order : int
         Number of equal poles.
-    latency, latency_deviation : float
-        Onset after the pulse and its standard deviation [s].
+    latency : float
+        Onset after the pulse [s].
     time_constant, time_constant_deviation : float
         T_a and its standard deviation [s].
     """
 
     order: int
     latency: float
-    latency_deviation: float
     time_constant: float
     time_constant_deviation: float
 
@@ -227,11 +226,9 @@ def _shared_twitch(responses: Sequence[Response], fits: TwitchFits, order: int) 
     start = np.array([medians[0], np.log(medians[1]), float(order)])
     found = shared_fit(lag, force, np.append(0, np.cumsum(fits.samples)), start)
     free = max(1, len(lag) - 2 * len(responses) - 2)
-    deviation = np.sqrt(np.diag(np.linalg.pinv(found.normal)) * found.cost[0] / free)
+    deviation = math.sqrt(np.linalg.pinv(found.normal)[1, 1] * found.cost[0] / free)
     onset, constant = float(found.theta[0]), float(np.exp(found.theta[1]))
-    return SharedTwitch(
-        order, onset, float(deviation[0]), constant, constant * float(deviation[1])
-    )
+    return SharedTwitch(order, onset, constant, constant * deviation)
 
 
 def latency_table(

@@ -96,6 +96,13 @@ class Uncertainty(NamedTuple):
         rest = np.delete(np.delete(self.covariance, part, axis=0), part, axis=1)
         return self._replace(covariance=rest)
 
+    def gradient(self, area: FloatArray, height: FloatArray, slopes: FloatArray) -> FloatArray:
+        """Return that of steady forces (n, unknowns), of which a response has `area` (functions,).
+
+        `height` (n,) and `slopes` (n, recruitment) are the recruitment where the covariance holds.
+        """
+        return np.hstack((float(area @ self.linear) * slopes, np.outer(height, area)))
+
     def half_width(self, gradient: FloatArray, misfit: FloatArray | float = 0.0) -> FloatArray:
         """Return half the interval (n,) of quantities with this gradient (n, unknowns).
 
@@ -169,6 +176,8 @@ class Muscle(NamedTuple):
         Standard deviation of the area of the response by what the functions miss of it [N s].
     curve_error : float
         That of the curve by what the sines miss of it, as a share of its end.
+    hindsight : float
+        That of curve and response by how wrong the last ones were, as such a share.
     """
 
     theta: FloatArray
@@ -179,6 +188,7 @@ class Muscle(NamedTuple):
     condition: float = 0.0
     area_error: float = 0.0
     curve_error: float = 0.0
+    hindsight: float = 0.0
 
 
 LEAST_GAIN = 0.7
@@ -618,9 +628,10 @@ class EstimateBuilder:
         )
 
     def _share(self, found: Muscle) -> float:
-        """Return the error of the area of the response as a share of it, at most 1."""
+        """Return the error of the height of the response as a share of it."""
         area = abs(float(self._basis.area @ found.linear))
-        return found.area_error / max(area, found.area_error, 1e-300)
+        share = found.area_error / max(area, found.area_error, 1e-300)
+        return math.hypot(share, found.hindsight)
 
     def _curve(
         self,
@@ -642,12 +653,12 @@ class EstimateBuilder:
         curve = gain * rho
         if sure is None:
             return {'curve_force': curve}
-        height, slopes = self._recruitment(CURVE_INTENSITY, sure.theta)
-        gradient = np.hstack((float(area @ sure.linear) * slopes, np.outer(height, area)))
+        gradient = sure.gradient(area, *self._recruitment(CURVE_INTENSITY, sure.theta))
         # an error of the shape does not end where the recruitment is small
         shape = rho[-1] * np.minimum(CURVE_INTENSITY / _LOW, 1.0)
         error = self._rate_hz * found.area_error
-        of_shape = math.hypot(_SHAPE * max(error, MISFIT * abs(gain)), gain * found.curve_error)
+        of_curve = gain * math.hypot(found.curve_error, found.hindsight)
+        of_shape = math.hypot(_SHAPE * max(error, MISFIT * abs(gain)), of_curve)
         misfit = np.linalg.norm((error * rho, of_shape * shape, gain * taken_up), axis=0)
         half = sure.half_width(gradient, misfit)
         lower, upper = curve - half, curve + half

@@ -20,8 +20,8 @@ from rpms_ros.identification.estimation.estimate_builder import (
     EstimateBuilder,
     Muscle,
     ResidualSums,
+    Uncertainty,
     condition_number,
-    nearest_arctangents,
 )
 from rpms_ros.identification.estimation.intake import (
     Predictor,
@@ -43,7 +43,6 @@ from rpms_ros.identification.model.estimate import (
 )
 from rpms_ros.identification.model.recruitment import PARAMETERS, SUMMATION, WINDOW_SINES
 from rpms_ros.identification.quality.doubts import FACTORISATION_FAILED, FaultCounter
-from rpms_ros.muscle.recruitment import RecruitmentParameters
 from rpms_ros.pulses import BoolArray, FloatArray, IntArray
 
 
@@ -67,6 +66,7 @@ class ProjectionEstimator:
 
     name, sines = 'projection', WINDOW_SINES
     on_line = True
+    _hindsight = 0.0
 
     def __init__(
         self, settings: ProjectionSettings | None, rate_hz: float, capacity: int = 64
@@ -101,17 +101,6 @@ class ProjectionEstimator:
     def memory(self) -> float:
         """Longest time for which a pulse acts on the model's output [s]."""
         return self.settings.basis.duration
-
-    @property
-    def parameters(self) -> RecruitmentParameters:
-        """Arctangents that are nearest to the present recruitment."""
-        nearest, *_ = nearest_arctangents(self._theta[: SUMMATION.start])
-        return RecruitmentParameters(*nearest.tolist())
-
-    @property
-    def linear(self) -> FloatArray:
-        """Present coefficients of the basis (functions,) [N s^1/2]."""
-        return self._predictor.linear.copy()
 
     def add_pulses(self, onset_ns: IntArray, intensity: FloatArray) -> None:
         """Add pulses (pulses,), ascending, none before one that was already added [ns, 1]."""
@@ -150,16 +139,22 @@ class ProjectionEstimator:
             condition=condition_number(fit.covariance[own, own]),
             area_error=self._residual_sums().missing_area(fit.variance),
             curve_error=beyond_the_sines(fit.scales, self.sines),
+            hindsight=self._hindsight,
         )
-        sure = fit.uncertainty(self.settings.confidence, self._basis_spread)
-        sure = sure and sure.without(slice(nonlinear - 2, nonlinear))
-        deviation, counters = self._prior.deviation[:PARAMETERS], self._counters()
+        sure, counters = self._uncertainty(), self._counters()
+        deviation = self._prior.deviation[:PARAMETERS]
         # faults of monitors of other packages are counted under any name
         counted = FaultCounter(dict.fromkeys(faults, ''))
         for name, count in (*faults.items(), *self._faults.counts().items()):
             counted.add(name, count)
         counted.add(FACTORISATION_FAILED, fit.failures)
         return self._builder.make(stamp_ns, found, sure, deviation, counters, counted.counts())
+
+    def _uncertainty(self) -> Uncertainty | None:
+        """Return the uncertainty of recruitment and w, None before the first fit."""
+        sure = self._window.uncertainty(self.settings.confidence, self._basis_spread)
+        last = len(self._window.point.theta)
+        return sure and sure.without(slice(last - 2, last))
 
     @property
     def _theta(self) -> FloatArray:

@@ -12,6 +12,7 @@ data are cut.
 """
 
 import math
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -24,7 +25,6 @@ from rpms_ros.identification.estimation.basis_choice import (
     BasisChoice,
     BasisFit,
     BasisSchedule,
-    Search,
 )
 from rpms_ros.identification.estimation.blocks import ring_order
 from rpms_ros.identification.estimation.change_detection import (
@@ -49,9 +49,11 @@ from rpms_ros.identification.estimation.settings import Problem, ProjectionSetti
 from rpms_ros.identification.estimation.tremor import SEARCHED_NS, Tremor, repetition_rates
 from rpms_ros.identification.estimation.window_equations import (
     MOVING,
+    Point,
     no_change,
     steady,
     time_scale_derivative,
+    time_scaled,
 )
 from rpms_ros.identification.estimation.window_fit import (
     INTERVAL_NS,
@@ -93,6 +95,8 @@ _UNEVEN = 0.06
 # The disturbance counts as lively above this share of the force, by `LIVELINESS`.
 _LIVELY = 6
 _WIDE = 0.05
+# From this share of the force on it is said that estimates were wrong.
+_WRONG = 0.005
 # The gain follows the disturbance by this share: bench/league.py, `length`, has 5 to 8 %, a held
 # muscle 0.4 %.
 _SWING = 0.03
@@ -154,10 +158,21 @@ def _rates(fit: WindowFit, area: FloatArray) -> tuple[tuple[str, ...], FloatArra
     return RATE_NAMES, rate, np.sqrt(np.maximum(variance, 0.0))
 
 
+def _force_at(point: Point, time: float, area: FloatArray) -> FloatArray:
+    """Return the steady force at `_SAID_OF`, for pulses of 1 Hz, at a time in intervals [N s]."""
+    past, theta = point.at_times(np.array([point.times[0], time])), point.theta.copy()
+    theta[:MOVING] += past.thresholds[:, 0]
+    linear = (1.0 + past.gain[0]) * time_scaled(point.linear, float(past.slowing[0]))
+    return float(area @ linear) * recruitment_curve(_SAID_OF, theta[: SUMMATION.start])[0]
+
+
 def _reasons(
-    estimate: Estimate, fit: WindowFit, deliberating: bool, tremor: Tremor
+    estimate: Estimate, fit: WindowFit, deliberating: bool, tremor: Tremor, hindsight: float
 ) -> tuple[str, ...]:
-    """Return why intervals are wide or samples are not learnt from, as sentences."""
+    """Return why intervals are wide or samples are not learnt from, as sentences.
+
+    `hindsight` is by how much the last steady forces were wrong, as a share of the largest.
+    """
     found = []
     if deliberating:
         found.append('the newest samples do not fit the muscle; looking for what has changed')
@@ -173,9 +188,14 @@ def _reasons(
         width = float(np.max(estimate.curve_upper - estimate.curve_lower))
         if width > 2.0 * _WIDE * float(np.max(np.abs(estimate.curve_force))):
             found.append('the pulses so far do not tell the recruitment curve')
+    if hindsight > _WRONG:
+        found.append('the last estimates were wrong by more than their intervals')
     return tuple(found)
 
 
+# What was said once in each of so many seconds is held against what is known of that time now; so
+# many of these comparisons count.
+_SAID, _MOMENTS, _SAID_OF = 5, 9, np.linspace(0.3, 1.0, 8)
 _CHALLENGED_NS = 30 * NANOSECONDS_PER_SECOND
 # A window that is not quite young is challenged once in so many steps.
 _RESTS, _OFTEN_NS = 4, 5 * NANOSECONDS_PER_SECOND
@@ -373,6 +393,8 @@ class TrackingEstimator(ProjectionEstimator):
         self._origin = no_change(functions)
         self._watch = ChangeWatch()
         self._tremor = Tremor()
+        self._said: deque[tuple[int, FloatArray, FloatArray]] = deque(maxlen=_SAID)
+        self._wrong: deque[float] = deque(maxlen=_MOMENTS)
 
     @property
     def memory(self) -> float:
@@ -477,7 +499,7 @@ class TrackingEstimator(ProjectionEstimator):
             change_ago=np.array([1e-9 * (stamp_ns - one.stamp_ns) for one in watch.found]),
             disturbance=float(fit.levels[-1]) - rest,
             disturbance_deviation=math.hypot(fit.level_deviation, slope * min(behind, 4.0)),
-            reasons=_reasons(estimate, fit, watch.deliberating, self._tremor),
+            reasons=_reasons(estimate, fit, watch.deliberating, self._tremor, self._hindsight),
         )
         # alike, and more than the model's own error
         alike = fit.residuals_alike and fit.misfit * fit.weighting_variance > 0.5 * fit.variance
@@ -534,7 +556,35 @@ class TrackingEstimator(ProjectionEstimator):
             self._doubt_what_is_from_before(self._span())
             if self._find and self._window.variance > 0.0:
                 self._watch.remember(snapshot(self._window, window.now_ns))
+            self._look_back()
         self._predict_by_window(INTERVAL_NS)
+
+    def _look_back(self) -> None:
+        """Hold what was said in the last seconds against what the window says of that time now.
+
+        If the muscle is one of the model, later samples move a force within its interval.  If not,
+        what a fit has taken for known moves with the samples that come, and so by how much is an
+        error of the next estimate too.
+        """
+        now_ns, point, area = self._now_ns, self._window.point, self._basis.area
+        sure, said, now = self._uncertainty(), self._said, float(point.times[0])
+        last_ns = said[-1][0] if said else -NANOSECONDS_PER_SECOND
+        # without a pulse that recruits nothing more is known of that time
+        pulsed = bool((self._acting_ns(_RECRUITS)[-1:] > last_ns).any())
+        if sure is None or not pulsed or now_ns < last_ns + NANOSECONDS_PER_SECOND:
+            return
+        force, beyond = _force_at(point, now, area), []
+        for stamp_ns, then, variance in said:
+            away = then - _force_at(point, now - (now_ns - stamp_ns) / INTERVAL_NS, area)
+            beyond.append(np.maximum(np.square(away) - variance, 0.0))
+        if beyond:
+            # a single moment, as when pulses begin or come again, is none
+            wrong = math.sqrt(np.median(beyond, axis=0).max())
+            self._wrong.append(wrong / max(abs(float(force[-1])), 1e-100))
+            self._hindsight = float(np.median(self._wrong))
+        gradient = sure.gradient(area, *recruitment_curve(_SAID_OF, sure.theta))
+        variance = np.square(sure.half_width(gradient) / sure.quantile)
+        said.append((now_ns, force, variance))
 
     def _try_other_start(self, knowledge: WindowPrior, window: Window) -> None:
         """While the window is young try the next start; go on from there if it is better."""
@@ -649,6 +699,7 @@ class TrackingEstimator(ProjectionEstimator):
 
     def _begin_after(self, change: Explanation) -> None:
         """Restart the window after a change."""
+        self._said.clear()
         # whether the joint is held does not change with the muscle
         self._window = replace(change.fit, swing=self._window.swing)
         self._knowledge = change.knowledge
@@ -762,6 +813,7 @@ class TrackingEstimator(ProjectionEstimator):
         self._origin = no_change(self._basis.functions)
         self._window.levels = self._window.levels[-2:].copy()
         self._watch.forget()
+        self._said.clear()
         self._raw.forget()
 
     def _choose_basis(self) -> None:
@@ -770,8 +822,8 @@ class TrackingEstimator(ProjectionEstimator):
             return
         fit = self._window
         misfit = fit.inflation > _ALIKE * fit.colour or fit.scales.lively >= LIVELY
-        search = self._schedule.due(self._now_ns, misfit)
-        if search is None:
+        everywhere = self._schedule.due(self._now_ns, misfit)
+        if everywhere is None:
             return
         if self._tremor.frequency:
             # the muscle is known better than it was
@@ -780,7 +832,7 @@ class TrackingEstimator(ProjectionEstimator):
             self._raw = self._raw.without(self._tremor.frequency, rest)
             self._change_basis(self._basis)
         choice = self._choice()
-        found = choice.better(search is Search.EVERYWHERE)
+        found = choice.better(everywhere)
         explained = choice.explained(found)
         self._basis_spread = choice.spread(found)
         linear, area = explained.fit.point.linear, found.area

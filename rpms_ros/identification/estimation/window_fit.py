@@ -373,12 +373,6 @@ def fresh_fit(theta: FloatArray, functions: int) -> WindowFit:
     return WindowFit(point, np.zeros(2), np.zeros((unknowns, unknowns)), np.ones(len(theta)))
 
 
-def _student(precision: FloatArray) -> FloatArray:
-    """Return twice the logarithm of precisions' densities (2, knots), 0 where they are 1."""
-    bound: FloatArray = _FREEDOM * (np.log(precision) - precision + 1.0)
-    return bound
-
-
 class Linearised:
     """A window linearised at a point, with its priors."""
 
@@ -433,7 +427,9 @@ class Linearised:
             first, second = precision / deviation**2
             shares, _ = shares_of_prior(Roughness(first, second, extent))
             precision = (_FREEDOM + shares) / (_FREEDOM + ratio)
-        (first, second), bound = precision / deviation**2, _student(precision)
+        first, second = precision / deviation**2
+        # twice the logarithm of their densities, 0 where a precision is 1
+        bound = _FREEDOM * (np.log(precision) - precision + 1.0)
         # without increments offset and slope have the prior of `level` alone
         rough = Roughness(first if moves else np.zeros(len(level)), second, extent)
         student = bound[1, 1:-1].sum() + (bound[0, :-1].sum() if moves else 0.0)

@@ -73,11 +73,6 @@ class ModifiedRecursiveLM:
         """Longest time for which a pulse acts on the model's output [s]."""
         return self.settings.basis.duration
 
-    @property
-    def parameters(self) -> RecruitmentParameters:
-        """Present nonlinear parameters."""
-        return RecruitmentParameters(*(float(value) for value in self._state.theta))
-
     def add_pulses(self, onset_ns: IntArray, intensity: FloatArray) -> None:
         """Add pulses (pulses,), ascending, none before one that was already added [ns, 1]."""
         self._plausibility.add_pulses(onset_ns, intensity)
@@ -113,7 +108,7 @@ class ModifiedRecursiveLM:
 
     def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
         """Return the present estimate."""
-        parameters = self.parameters
+        parameters = RecruitmentParameters(*self._state.theta.tolist())
         linear = self._state.linear.copy()
         scalars = self._state.scalars
         full = identified_recruitment(parameters, 1.0)

@@ -173,8 +173,9 @@ def test_unusable_samples_are_predicted_only(recorded):
     estimator.add_pulses(take.onset_ns, take.intensity)
     usable = np.zeros(len(take.stamp_ns), dtype=bool)
     estimator.update(take.stamp_ns, np.full(len(take.stamp_ns), 1e9), usable)
-    assert estimator.estimate(0, {}).samples == 0
-    assert estimator.parameters == SETTINGS.start
+    found = estimator.estimate(0, {})
+    assert found.samples == 0
+    assert RecruitmentParameters(*found.nonlinear.tolist()) == SETTINGS.start
 
 
 SECOND_NS = 1_000_000_000
@@ -251,11 +252,11 @@ def test_a_failed_factorisation_is_counted_and_moves_nothing(recorded):
     take.feed(estimator)
     estimator.estimate(0, {})
     gram = estimator._problem.blocks.gram
-    before, kept = estimator.linear, gram.copy()
+    before, kept = estimator._predictor.linear.copy(), gram.copy()
     gram[:] = -1e12 * np.eye(7)
     more = recorded(0.1)
     estimator.update(more.stamp_ns + 4 * SECOND_NS, more.force, np.ones(100, dtype=bool))
     failed = estimator.estimate(0, {})
-    np.testing.assert_array_equal(estimator.linear, before)
+    np.testing.assert_array_equal(estimator._predictor.linear, before)
     assert failed.faults['factorisation_failed'] > 0
     gram[: len(kept)] = kept

@@ -484,6 +484,17 @@ def test_no_large_deviation_makes_up_for_arctangents_that_are_elsewhere(league):
     assert ((last.curve_lower <= truth) & (truth <= last.curve_upper)).mean() > 0.9
 
 
+def test_estimates_that_were_wrong_beyond_their_intervals_widen_the_next(league):
+    """A muscle of another kind that tires and rests was wrong by 2.3 % within .9, and good."""
+    kinds, excitation, one, generator = league.drawn(1003, league.MUSCLES)
+    arrays, truth = league.simulated(kinds, excitation, one, generator)
+    found = rpms_ros.from_arrays(*arrays).identify('tracking', rate_hz=one['rate'])
+    last = found.estimates.last
+    assert ((last.curve_lower <= truth) & (truth <= last.curve_upper)).mean() > 0.9
+    assert 'the last estimates were wrong by more than their intervals' in last.reasons
+    assert found.verdict.grade == 'doubtful'
+
+
 @pytest.mark.parametrize(
     ('muscle', 'excitation', 'seed', 'most'),
     [
