@@ -13,6 +13,7 @@ change that suit it: with those of a basis that does not fit, all are much the s
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from enum import Enum
 from statistics import fmean
 from typing import NamedTuple
 
@@ -308,6 +309,13 @@ _UNSEEN_NS = 2 * NANOSECONDS_PER_SECOND
 _NEVER_NS = -(2**62)
 
 
+class Search(Enum):
+    """With which bases the present one is compared."""
+
+    NEIGHBOURS = 'its neighbours'
+    EVERYWHERE = 'all that people have'
+
+
 class BasisSchedule:
     """Says when the basis is to be compared with others, and with which.
 
@@ -342,10 +350,8 @@ class BasisSchedule:
         if self._stimulated_ns is None and intensity.any():
             self._stimulated_ns = int(onset_ns[(intensity > 0.0).argmax()])
 
-    def due(self, now_ns: int, misfit: bool) -> bool | None:
-        """Return whether to compare now with all that people have, or with neighbours.
-
-        None if with neither.
+    def due(self, now_ns: int, misfit: bool) -> Search | None:
+        """Return with which bases to compare now, None if not to.
 
         Parameters
         ----------
@@ -374,4 +380,4 @@ class BasisSchedule:
             late = seconds > _CHOICES_S[3]
             self._in_vain = min(self._in_vain + 1, _LONGEST_WAIT) if late else 0
         self._compared_ns = now_ns
-        return done < _GRIDS or misfit
+        return Search.EVERYWHERE if done < _GRIDS or misfit else Search.NEIGHBOURS

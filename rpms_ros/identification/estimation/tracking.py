@@ -25,6 +25,7 @@ from rpms_ros.identification.estimation.basis_choice import (
     BasisChoice,
     BasisFit,
     BasisSchedule,
+    Search,
 )
 from rpms_ros.identification.estimation.blocks import ring_order
 from rpms_ros.identification.estimation.change_detection import (
@@ -566,12 +567,14 @@ class TrackingEstimator(ProjectionEstimator):
         what a fit has taken for known moves with the samples that come, and so by how much is an
         error of the next estimate too.
         """
-        now_ns, point, area = self._now_ns, self._window.point, self._basis.area
-        sure, said, now = self._uncertainty(), self._said, float(point.times[0])
-        last_ns = said[-1][0] if said else -NANOSECONDS_PER_SECOND
-        # without a pulse that recruits nothing more is known of that time
-        pulsed = bool((self._acting_ns(_RECRUITS)[-1:] > last_ns).any())
-        if sure is None or not pulsed or now_ns < last_ns + NANOSECONDS_PER_SECOND:
+        now_ns, said = self._now_ns, self._said
+        last_ns = said[-1][0] if said else -(2**62)
+        if now_ns < last_ns + NANOSECONDS_PER_SECOND:
+            return
+        point, area, sure = self._window.point, self._basis.area, self._uncertainty()
+        now = float(point.times[0])
+        # where no pulse has recruited since then, nothing more is known of that time
+        if sure is None or not (self._acting_ns(_RECRUITS)[-1:] > last_ns).any():
             return
         force, beyond = _force_at(point, now, area), []
         for stamp_ns, then, variance in said:
@@ -822,8 +825,8 @@ class TrackingEstimator(ProjectionEstimator):
             return
         fit = self._window
         misfit = fit.inflation > _ALIKE * fit.colour or fit.scales.lively >= LIVELY
-        everywhere = self._schedule.due(self._now_ns, misfit)
-        if everywhere is None:
+        search = self._schedule.due(self._now_ns, misfit)
+        if search is None:
             return
         if self._tremor.frequency:
             # the muscle is known better than it was
@@ -832,7 +835,7 @@ class TrackingEstimator(ProjectionEstimator):
             self._raw = self._raw.without(self._tremor.frequency, rest)
             self._change_basis(self._basis)
         choice = self._choice()
-        found = choice.better(everywhere)
+        found = choice.better(search is Search.EVERYWHERE)
         explained = choice.explained(found)
         self._basis_spread = choice.spread(found)
         linear, area = explained.fit.point.linear, found.area

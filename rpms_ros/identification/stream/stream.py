@@ -566,10 +566,14 @@ class IdentificationStream:
         for name, concerned in marks.items():
             count = int(np.count_nonzero(concerned))
             if name == faults.FORCE_SPIKE and len(acting):
-                spikes = stamps[concerned]
-                place = np.searchsorted(acting, spikes, side='right')
-                soon = spikes - acting[np.maximum(place - 1, 0)] <= _ARTIFACT_NS
-                artifacts = int(np.count_nonzero(soon & (place > 0)))
+                artifacts = int(np.count_nonzero(_after(stamps[concerned], acting)))
                 self._counter.add(faults.FORCE_ARTIFACT, artifacts)
                 count -= artifacts
             self._counter.add(name, count)
+
+
+def _after(stamp_ns: IntArray, onset_ns: IntArray) -> BoolArray:
+    """Return which stamps (samples,) are soon after one of the onsets (pulses,), ascending."""
+    place = np.searchsorted(onset_ns, stamp_ns, side='right')
+    since: BoolArray = stamp_ns - onset_ns[np.maximum(place - 1, 0)] <= _ARTIFACT_NS
+    return since & (place > 0)

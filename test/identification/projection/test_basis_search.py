@@ -8,7 +8,12 @@ import numpy as np
 import pytest
 
 from rpms_ros.identification import estimator_by_name
-from rpms_ros.identification.estimation.basis_choice import BasisChoice, BasisFit, BasisSchedule
+from rpms_ros.identification.estimation.basis_choice import (
+    BasisChoice,
+    BasisFit,
+    BasisSchedule,
+    Search,
+)
 from rpms_ros.identification.estimation.window_fit import fresh_fit
 from rpms_ros.identification.model.basis import LaguerreBasis
 from rpms_ros.muscle import simulation_subject
@@ -152,7 +157,7 @@ def test_the_end_of_a_fit_counts_unless_it_is_clearly_less_likely(later, taken):
 SECOND = 1_000_000_000
 
 
-def comparisons(schedule, seconds, alike) -> dict[float, bool]:
+def comparisons(schedule, seconds, alike) -> dict[float, Search]:
     """Return the times at which it is due [s], and with which bases."""
     found = {one: schedule.due(round(one * SECOND), alike) for one in seconds.tolist()}
     return {one: search for one, search in found.items() if search is not None}
@@ -163,8 +168,8 @@ def test_a_basis_that_fits_is_compared_less_and_less_often():
     schedule.begin(0)
     found = comparisons(schedule, np.arange(0.0, 130.0, 0.25), alike=False)
     assert list(found) == [1.0, 3.0, 7.0, 16.0, 32.0, 64.0, 96.0, 128.0]
-    assert set(list(found.values())[:4]) == {True}
-    assert set(list(found.values())[4:]) == {False}
+    assert set(list(found.values())[:4]) == {Search.EVERYWHERE}
+    assert set(list(found.values())[4:]) == {Search.NEIGHBOURS}
 
 
 def test_where_residuals_are_alike_it_is_compared_with_all_sooner_and_then_less_often():
@@ -175,7 +180,7 @@ def test_where_residuals_are_alike_it_is_compared_with_all_sooner_and_then_less_
     times = list(found)
     assert times[4:8] == [41.0, 44.0, 50.0, 62.0]
     assert np.diff(times).max() <= 48.0
-    assert set(found.values()) == {True}
+    assert set(found.values()) == {Search.EVERYWHERE}
 
 
 def test_without_a_response_it_waits_for_stimulation():
