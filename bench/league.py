@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Muscles and situations of other kinds than the model's, by estimator.
 
-`python bench/league.py [--seeds 3] [--muscles boltzmann ...] [--estimators batch scipy ...]`
+`python bench/league.py [--seeds 3] [--muscles boltzmann ...] [--estimators batch scipy ...]
+                        [--excitations upper ...]`
 `python bench/league.py --drawn 1000 [--first 0] [--estimators batch ...]`
 `python bench/league.py --steady 240 [--first 0] [--estimators recursive ...]`
 `python bench/league.py --begin [--seeds 10] [--estimators tracking ...]`
@@ -453,6 +454,8 @@ def main():
     parser.add_argument('--seeds', type=int, default=3)
     parser.add_argument('--muscles', nargs='+', choices=MUSCLES, default=MUSCLES)
     parser.add_argument('--estimators', nargs='+', default=['batch', 'tracking', 'recursive'])
+    usual = {'choices': EXCITATIONS, 'default': ['random', 'sinusoid']}
+    parser.add_argument('--excitations', nargs='+', **usual, help='of the table')
     parser.add_argument('--drawn', type=int, default=0, help='how many sessions to draw')
     parser.add_argument('--steady', type=int, default=0, help='how many without a change')
     parser.add_argument('--first', type=int, default=0, help='number of the first such session')
@@ -465,7 +468,7 @@ def main():
     print('muscle       intensities  estimator   error, median / worst   half   coverage   time')
     silent = 0
     for muscle in chosen.muscles:
-        for excitation in ('random', 'sinusoid'):
+        for excitation in chosen.excitations:
             for name in chosen.estimators:
                 rows, said, off = [], Counter(), []
                 for seed in range(chosen.seeds):

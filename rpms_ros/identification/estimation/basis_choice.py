@@ -45,6 +45,8 @@ _LONGEST_LATENCY = 35e-3
 # quite linear between its knots, and a wrong basis may explain what is left.
 _DECISION, _EARLY_DECISION, _LIVELY_DECISION = 6.0, 12.0, 50.0
 _EARLY_NS = 12 * NANOSECONDS_PER_SECOND
+# Functions of a response that seven do not quite bear, as behind a sensor with a filter.
+_MOST_FUNCTIONS = 10
 # A tremor has to make the samples likelier by so much [nat]: it has two unknowns a second.
 _TREMOR_DECISION = 50.0
 _STEPS, _ROUGH_STEPS = 10, 3
@@ -146,9 +148,7 @@ class BasisChoice:
             # the present one may be on a hill of its own
             begins = [one for one in (basis, top) if self._near(one, top)]
         for nearest in begins:
-            best = None
-            while best != nearest:
-                best, nearest = nearest, max((nearest, *neighbours(nearest)), key=self._roughly)
+            self._uphill(nearest)
         tried = [one for one, rough in self._found if rough]
         finalists = sorted(tried, key=self._roughly, reverse=True)[:_FINALISTS]
         near = [one for one in (basis, *finalists) if self._near(one, finalists[0])]
@@ -184,6 +184,20 @@ class BasisChoice:
             best, time_constant=round(constant, _DIGITS), latency=round(latency, _DIGITS)
         )
         return middle if self._likelihood(middle) > self._likelihood(best) - _EQUAL else best
+
+    def richer(self, basis: LaguerreBasis) -> LaguerreBasis:
+        """Return the best basis of more functions if the sensor filters and they show."""
+        if self.fit.colour == 1.0:
+            return basis
+        more = replace(basis, functions=max(basis.functions, _MOST_FUNCTIONS))
+        gain = self._likelihood(more) - self._likelihood(basis)
+        return self._uphill(more) if gain > _EARLY_DECISION else basis
+
+    def _uphill(self, nearest: LaguerreBasis) -> LaguerreBasis:
+        best = None
+        while best != nearest:
+            best, nearest = nearest, max((nearest, *neighbours(nearest)), key=self._roughly)
+        return nearest
 
     def spread(self, basis: LaguerreBasis) -> FloatArray:
         """Return how w on a basis differs among the bases that are nearly as likely.
@@ -258,7 +272,7 @@ class BasisChoice:
         the present fit hangs, one from the beginning with each.
         """
         present, window = self.fit, self.window
-        theta, functions = present.point.theta, len(present.point.linear)
+        theta, functions = present.point.theta, basis.functions
         problem, *_ = raw.condensed(basis, theta, np.zeros(functions), window.first_ns)
         blocks, first = problem.blocks, problem.first
         nothing = fresh_fit(theta, functions)

@@ -165,8 +165,8 @@ class BatchEstimator(ProjectionEstimator):
     @property
     def _misfit(self) -> float:
         """The largest share of the force that is significantly unexplained in a part."""
-        parts = self.unexplained
-        return float(parts[parts[:, 1] > _SIGNIFICANT, 0].max(initial=0.0))
+        parts, least = self.unexplained, _SIGNIFICANT * self._window.colour
+        return float(parts[parts[:, 1] > least, 0].max(initial=0.0))
 
     def _in_a_row(self, stamp_ns: IntArray) -> IntArray:
         """Return stamps [ns] that go on after a jump of the clock, far behind what was before."""
@@ -237,7 +237,7 @@ class BatchEstimator(ProjectionEstimator):
         fit, functions = self._window, self._basis.functions
         other = fresh_fit(self.settings.starts(self.sines)[0], functions)
         other.point.theta[:PARAMETERS] = nearest_arctangents(fit.point.theta[: SUMMATION.start])[0]
-        other.left_out = fit.left_out
+        other.left_out, other.colour = fit.left_out, fit.colour
         tried = [
             (gauss_newton_steps(self._problem, one, knowledge, window, _FINAL_STEPS), one)
             for one in (fit, other)
@@ -288,16 +288,20 @@ class BatchEstimator(ProjectionEstimator):
         if samples < _LEAST_SAMPLES:
             return False
         self._compared_ns = strong_ns
+        self._window.colour = self._colour(first_ns)
         knowledge = self._of_any_shape(self._prior)
         window = self._constant(first_ns, INTERVAL_NS, len(LIVELINESS) - 1)
+        window = replace(window, origin=no_change(present.functions))
         fit = fresh_fit(theta, present.functions)
         if present == self._basis:
             fit = replace(self._window, levels=np.zeros(2), first=0, left_out=NO_EVENTS)
+        fit.colour = self._window.colour
         at = gauss_newton_steps(problem, fit, knowledge, window, _CHOICE_STEPS)
         fit.left_out = NO_EVENTS if at is None else short_events(fit, at)
         choice = BasisChoice(self._raw, present, fit, knowledge, window, None)
         self._searches += everywhere
         basis = choice.better(everywhere)
+        basis = choice.richer(basis) if final else basis
         self._basis_spread = choice.spread(basis)
         if basis == self._basis:
             return False

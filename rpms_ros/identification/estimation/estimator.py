@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Common parts of the batch and the tracking estimator: samples in, predictions, estimates."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -44,6 +45,44 @@ from rpms_ros.identification.model.estimate import (
 from rpms_ros.identification.model.recruitment import PARAMETERS, SUMMATION, WINDOW_SINES
 from rpms_ros.identification.quality.doubts import FACTORISATION_FAILED, FaultCounter
 from rpms_ros.pulses import BoolArray, FloatArray, IntArray
+
+# Of the noise of a sensor: between what an effort, a tremor or the muscle does and the corner of a
+# filter [Hz]; above this ratio of second differences it is not white.  Outside these shares of the
+# force's power it is the model's own error, or that of a muscle which is not known yet.
+_LOW_HZ, _HIGH_HZ = 13.0, 27.0
+_SMOOTH, _LEAST_NOISE, _MOST_NOISE = 1.5, 1e-6, 1e-3
+_LEAST_COLOUR_SAMPLES = 500
+
+
+def noise_colour(stamp_ns: IntArray, force: FloatArray, rest: FloatArray, before: float) -> float:
+    """Return by how much noise is stronger where the muscle moves than in the mean; at least 1.
+
+    Behind a low-pass neighbouring samples tell the same.  Taken as white, such noise is too strong
+    at low frequencies and would pass for an effort of the patient.
+
+    Parameters
+    ----------
+    stamp_ns : ndarray of int64 (samples,)
+        Of samples that come about evenly [ns].
+    force, rest : ndarray (samples,)
+        Measured, and what the muscle leaves of it [N].
+    before : float
+        What is returned where these samples do not tell.
+    """
+    if len(rest) < _LEAST_COLOUR_SAMPLES:
+        return before
+    near = np.mean(np.diff(rest, 2) ** 2)
+    far = np.mean((rest[4:] - 2.0 * rest[2:-2] + rest[:-4]) ** 2)
+    if far < _SMOOTH * near:
+        return 1.0
+    spectrum, whole = np.abs(np.fft.rfft(np.hanning(len(rest)) * np.stack((rest, force)))) ** 2
+    hertz = np.arange(len(whole)) / (1e-9 * float(stamp_ns[-1] - stamp_ns[0]))
+    beyond = spectrum[hertz > _LOW_HZ]
+    if not _LEAST_NOISE * whole.sum() < beyond.sum() < _MOST_NOISE * whole.sum():
+        return before
+    # the median of an exponential distribution, which lines do not move
+    between = np.median(spectrum[(hertz > _LOW_HZ) & (hertz < _HIGH_HZ)]) / math.log(2.0)
+    return max(1.0, float(between / np.mean(beyond)))
 
 
 class ProjectionEstimator:
@@ -176,6 +215,12 @@ class ProjectionEstimator:
             variance=fit.variance,
         )
 
+    def _colour(self, first_ns: int) -> float:
+        """Return the colour of the noise of samples from a time [ns] on."""
+        fit = self._window
+        rest = self._raw.rest(self._basis, fit.point.theta, fit.point.linear, first_ns)
+        return noise_colour(*rest, fit.colour)
+
     def _use(self, basis: LaguerreBasis) -> None:
         """Use a basis from now on."""
         self._basis = basis
@@ -195,7 +240,7 @@ class ProjectionEstimator:
         )
         self._problem = problem._replace(baseline=self._problem.baseline)
         self._intake = self._intake._replace(
-            state=intake.state, response=intake.response, fresh=intake.fresh
+            state=intake.state, response=intake.response, values=intake.values, fresh=intake.fresh
         )
         self._delay_line.restart(*self._raw.newest_pulses(pending), basis.latency)
         self._use(basis)

@@ -159,7 +159,8 @@ class WindowPrior:
     any_shape : bool
         Whether the recruitment may deviate from the arctangents.
     information, reference : ndarray (unknowns, unknowns), (unknowns,)
-        Result of samples before the window: inverse covariance and mean of [theta, w].
+        Result of samples before the window: inverse covariance and mean of [theta, w]; empty if
+        there is none.
     """
 
     mean: FloatArray
@@ -174,7 +175,7 @@ class WindowPrior:
     @property
     def has_result(self) -> bool:
         """Whether there is a result of samples before the window."""
-        return bool(self.information.any())
+        return bool(len(self.reference))
 
     def terms_at(self, point: Point, ridge: float, walks: FloatArray) -> 'Terms':
         """Return what is known at a point, whatever the scales.
@@ -191,8 +192,9 @@ class WindowPrior:
         theta = coordinates(point.theta)
         linear = point.linear
         here = np.concatenate((theta, linear))
-        matrix = self.information.copy()
-        before = here - self.reference
+        matrix, before = np.zeros((len(here), len(here))), np.zeros(len(here))
+        if self.has_result:
+            matrix, before = self.information.copy(), here - self.reference
         pull = matrix @ before
         gradient = -pull
         cost = float(before @ pull)
@@ -274,17 +276,15 @@ class WindowPrior:
 def physiological_prior(settings: ProjectionSettings, sines: int) -> WindowPrior:
     """Return the prior before any sample, with so many elements of c."""
     kappa, spread = settings.summation
-    mean = np.concatenate((PRIOR.mean, np.zeros(sines), np.full(2, kappa)))
-    joint = len(mean) + settings.basis.functions
     return WindowPrior(
-        mean=mean,
+        mean=np.concatenate((PRIOR.mean, np.zeros(sines), np.full(2, kappa))),
         deviation=np.concatenate((PRIOR.deviation, np.full(sines, np.inf), np.full(2, spread))),
         lower=coordinates(PRIOR.lower),
         upper=coordinates(PRIOR.upper),
         separation=PRIOR.separation,
         any_shape=settings.deviation,
-        information=np.zeros((joint, joint)),
-        reference=np.zeros(joint),
+        information=np.zeros((0, 0)),
+        reference=np.zeros(0),
     )
 
 

@@ -17,6 +17,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.special import ndtri
 
 from rpms_ros.errors import IdentificationError, check_number
@@ -198,6 +199,8 @@ def _reasons(
 # many of these comparisons count.
 _SAID, _MOMENTS, _SAID_OF = 5, 9, np.linspace(0.3, 1.0, 8)
 _CHALLENGED_NS = 30 * NANOSECONDS_PER_SECOND
+# Samples that tell the colour of the noise.
+_COLOUR_NS = 4 * NANOSECONDS_PER_SECOND
 # A window that is not quite young is challenged once in so many steps.
 _RESTS, _OFTEN_NS = 4, 5 * NANOSECONDS_PER_SECOND
 _TRIAL_STEPS = 5
@@ -206,46 +209,6 @@ _TRIAL_STEPS = 5
 _FAR_FROM_ARCTANGENTS = 5
 # The other has to be better by so much [nat].
 _DECISION = 3.0
-
-
-# Of the noise of a sensor: between what an effort, a tremor or the muscle does and the corner of a
-# filter [Hz]; above this ratio of second differences it is not white.  Outside these shares of the
-# force's power it is the model's own error, or that of a muscle which is not known yet.
-_COLOUR_NS = 4 * NANOSECONDS_PER_SECOND
-_LOW_HZ, _HIGH_HZ = 13.0, 27.0
-_SMOOTH, _LEAST_NOISE, _MOST_NOISE = 1.5, 1e-6, 1e-3
-_LEAST_COLOUR_SAMPLES = 500
-
-
-def noise_colour(stamp_ns: IntArray, force: FloatArray, rest: FloatArray, before: float) -> float:
-    """Return by how much noise is stronger where the muscle moves than in the mean; at least 1.
-
-    Behind a low-pass neighbouring samples tell the same.  Taken as white, such noise is too strong
-    at low frequencies and would pass for an effort of the patient.
-
-    Parameters
-    ----------
-    stamp_ns : ndarray of int64 (samples,)
-        Of samples that come about evenly [ns].
-    force, rest : ndarray (samples,)
-        Measured, and what the muscle leaves of it [N].
-    before : float
-        What is returned where these samples do not tell.
-    """
-    if len(rest) < _LEAST_COLOUR_SAMPLES:
-        return before
-    near = np.mean(np.diff(rest, 2) ** 2)
-    far = np.mean((rest[4:] - 2.0 * rest[2:-2] + rest[:-4]) ** 2)
-    if far < _SMOOTH * near:
-        return 1.0
-    spectrum, whole = np.abs(np.fft.rfft(np.hanning(len(rest)) * np.stack((rest, force)))) ** 2
-    hertz = np.arange(len(whole)) / (1e-9 * float(stamp_ns[-1] - stamp_ns[0]))
-    beyond = spectrum[hertz > _LOW_HZ]
-    if not _LEAST_NOISE * whole.sum() < beyond.sum() < _MOST_NOISE * whole.sum():
-        return before
-    # the median of an exponential distribution, which lines do not move
-    between = np.median(spectrum[(hertz > _LOW_HZ) & (hertz < _HIGH_HZ)]) / math.log(2.0)
-    return max(1.0, float(between / np.mean(beyond)))
 
 
 def knots_of_change(
@@ -538,9 +501,7 @@ class TrackingEstimator(ProjectionEstimator):
             return
         basis, fit = self._basis, self._window
         if self._choose and fit.variance > 0.0:
-            since_ns = self._now_ns - _COLOUR_NS
-            rest = self._raw.rest(basis, fit.point.theta, fit.point.linear, since_ns)
-            fit.colour = noise_colour(*rest, fit.colour)
+            fit.colour = self._colour(self._now_ns - _COLOUR_NS)
         self._choose_basis()
         self._look_for_change(self._span())
         window = self._span()
@@ -836,18 +797,23 @@ class TrackingEstimator(ProjectionEstimator):
             self._change_basis(self._basis)
         choice = self._choice()
         found = choice.better(search is Search.EVERYWHERE)
+        if search is Search.EVERYWHERE:
+            found = choice.richer(found)
         explained = choice.explained(found)
-        self._basis_spread = choice.spread(found)
-        linear, area = explained.fit.point.linear, found.area
-        if choice.window.first_ns > self._span().first_ns and area @ linear > 0.0:
-            # the steady force is known from all samples of the window, not the newest alone
-            kept = np.eye(len(area)) - np.outer(linear, area) / (area @ linear)
-            self._basis_spread = kept @ self._basis_spread @ kept.T
         quieter = explained.fit.scales.lively < LIVELY <= fit.scales.lively
         freed = explained.fit.inflation < _ALIKE * fit.colour < fit.inflation
         # what happens just now is no reason to take all for a disturbance
         livelier = max(fit.scales.lively, LIVELY - 1) < explained.fit.scales.lively
-        if explained.tremor or ((found != self._basis or quieter or freed) and not livelier):
+        better = (found != self._basis or quieter or freed) and not livelier
+        adopts = explained.tremor or better
+        basis = found if adopts else self._basis
+        self._basis_spread = choice.spread(basis)
+        linear, area = choice.explained(basis).fit.point.linear, basis.area
+        if choice.window.first_ns > self._span().first_ns and area @ linear > 0.0:
+            # the steady force is known from all samples of the window, not the newest alone
+            kept = np.eye(len(area)) - np.outer(linear, area) / (area @ linear)
+            self._basis_spread = kept @ self._basis_spread @ kept.T
+        if adopts:
             self._adopt(explained, found)
 
     def _compared_from(self) -> int:
@@ -868,6 +834,12 @@ class TrackingEstimator(ProjectionEstimator):
         linear = matrix @ fit.point.linear
         self._into_other_blocks(basis, self._span().first_ns, self._capacity, linear)
         self._knowledge = self._knowledge.in_basis(matrix, float(np.linalg.norm(linear)))
-        self._window.point = fit.point._replace(linear=linear)
+        fit.point = fit.point._replace(linear=linear)
+        if fit.known_at is not None:
+            fit.known_at = fit.known_at._replace(linear=matrix @ fit.known_at.linear)
+        nonlinear = len(fit.point.theta)
+        past = len(fit.covariance) - nonlinear - matrix.shape[1]
+        both = block_diag(np.eye(nonlinear), matrix, np.eye(past))
+        fit.covariance = both @ fit.covariance @ both.T
         self._origin = self._origin._replace(linear=matrix @ self._origin.linear)
         self._watch.forget()

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import rpms_ros
 from rpms_ros.identification import estimator_by_name
 from rpms_ros.identification.estimation.basis_choice import (
     BasisChoice,
@@ -68,6 +69,22 @@ def test_of_bases_that_only_noise_tells_apart_none_at_the_edge_is_taken(
         held.append(len(lower) and ((lower <= truth) & (truth <= upper)).all())
     # two periods: docs/measurements.md states how often
     assert sum(held) >= 3
+
+
+def test_a_sensor_with_a_filter_has_a_response_of_more_functions(league):
+    """Seven miss .1 to .3 % of it: where all pulses recruit, the curve was wrong by .4 to 3 %.
+
+    The force that they have in common shows in its ripple alone.
+    """
+    kinds, excitation, one, generator = league.drawn(1140, league.MUSCLES)
+    assert (kinds, excitation) == (['pools', 'filter'], 'upper')
+    arrays, truth = league.simulated(kinds, excitation, one, generator)
+    found = rpms_ros.from_arrays(*arrays).identify('batch', rate_hz=one['rate'])
+    last, given = found.estimates.last, arrays[3].min() <= league.U
+    held = (last.curve_lower <= truth) & (truth <= last.curve_upper)
+    assert held[given].mean() > 0.9
+    assert np.abs(last.curve_force - truth)[given].max() < 0.003 * truth.max()
+    assert found.verdict.grade == 'good'
 
 
 def test_a_recording_that_tells_nothing_of_the_dynamics_leaves_the_functions_of_the_start(
