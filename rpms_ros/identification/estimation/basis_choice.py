@@ -191,7 +191,7 @@ class BasisChoice:
             return basis
         more = replace(basis, functions=max(basis.functions, _MOST_FUNCTIONS))
         gain = self._likelihood(more) - self._likelihood(basis)
-        return self._uphill(more) if gain > _EARLY_DECISION else basis
+        return self._uphill(more) if gain > _DECISION else basis
 
     def _uphill(self, nearest: LaguerreBasis) -> LaguerreBasis:
         best = None

@@ -176,7 +176,7 @@ class ProjectionEstimator:
             predictor.levels,
             moved=float(np.abs(fit.moved[:PARAMETERS]).max()),
             condition=condition_number(fit.covariance[own, own]),
-            area_error=self._residual_sums().missing_area(fit.variance),
+            area_error=self._residual_sums().missing_area(fit.variance * fit.colour),
             curve_error=beyond_the_sines(fit.scales, self.sines),
             hindsight=self._hindsight,
         )

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 
 import numba
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.special import chdtri
 
 from rpms_ros.errors import IdentificationError
@@ -256,15 +257,14 @@ class WindowPrior:
         return gain > float(chdtri(len(self.reference), 1.0 - _CONTRADICTED))
 
     def in_basis(self, matrix: FloatArray, size: float) -> 'WindowPrior':
-        """Return the prior in other coordinates of w, `matrix` (functions, functions) times these.
+        """Return the prior in other coordinates of w, `matrix` (others, functions) times these.
 
         `size` is the norm of w; a share of it is added as the error of the conversion.
         """
         if not self.has_result:
             return self
-        both = np.eye(len(self.reference))
         nonlinear = len(self.mean)
-        both[nonlinear:, nonlinear:] = matrix
+        both = block_diag(np.eye(nonlinear), matrix)
         covariance = both @ scaled_inverse(self.information) @ both.T
         place = np.arange(nonlinear, len(both))
         covariance[place, place] += (_LOST * size) ** 2
