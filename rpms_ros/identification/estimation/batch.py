@@ -300,7 +300,8 @@ class BatchEstimator(ProjectionEstimator):
         fit.left_out = NO_EVENTS if at is None else short_events(fit, at)
         choice = BasisChoice(self._raw, present, fit, knowledge, window, None)
         self._searches += everywhere
-        basis = choice.richer(choice.better(everywhere))
+        basis = choice.better(everywhere)
+        basis = choice.richer(basis) if final else basis
         self._basis_spread = choice.spread(basis)
         if basis == self._basis:
             return False

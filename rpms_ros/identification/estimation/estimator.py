@@ -42,7 +42,12 @@ from rpms_ros.identification.model.estimate import (
     Estimate,
     recruiting_range,
 )
-from rpms_ros.identification.model.recruitment import PARAMETERS, SUMMATION, WINDOW_SINES
+from rpms_ros.identification.model.recruitment import (
+    PARAMETERS,
+    SUMMATION,
+    WINDOW_SINES,
+    recruitment_curve,
+)
 from rpms_ros.identification.quality.doubts import FACTORISATION_FAILED, FaultCounter
 from rpms_ros.pulses import BoolArray, FloatArray, IntArray
 
@@ -52,6 +57,8 @@ from rpms_ros.pulses import BoolArray, FloatArray, IntArray
 _LOW_HZ, _HIGH_HZ = 13.0, 27.0
 _SMOOTH, _LEAST_NOISE, _MOST_NOISE = 1.5, 1e-6, 1e-3
 _LEAST_COLOUR_SAMPLES = 500
+# What the functions miss of a response, as a share of its norm; phases of a period.
+_MISSED, _PHASES = 2e-4, 50
 
 
 def noise_colour(stamp_ns: IntArray, force: FloatArray, rest: FloatArray, before: float) -> float:
@@ -170,17 +177,19 @@ class ProjectionEstimator:
         fit, predictor = self._window, self._predictor
         nonlinear = len(fit.point.theta)
         own = slice(nonlinear, nonlinear + len(fit.point.linear))
+        sums, sure = self._residual_sums(), self._uncertainty()
+        beyond = beyond_the_sines(fit.scales, self.sines)
         found = Muscle(
             self._theta[: SUMMATION.start],
             predictor.linear,
             predictor.levels,
             moved=float(np.abs(fit.moved[:PARAMETERS]).max()),
             condition=condition_number(fit.covariance[own, own]),
-            area_error=self._residual_sums().missing_area(fit.variance * fit.colour),
-            curve_error=beyond_the_sines(fit.scales, self.sines),
+            area_error=sums.missing_area(fit.variance * fit.colour),
+            curve_error=math.hypot(beyond, self._in_common(sums, sure)),
             hindsight=self._hindsight,
         )
-        sure, counters = self._uncertainty(), self._counters()
+        counters = self._counters()
         deviation = self._prior.deviation[:PARAMETERS]
         # faults of monitors of other packages are counted under any name
         counted = FaultCounter(dict.fromkeys(faults, ''))
@@ -188,6 +197,29 @@ class ProjectionEstimator:
             counted.add(name, count)
         counted.add(FACTORISATION_FAILED, fit.failures)
         return self._builder.make(stamp_ns, found, sure, deviation, counters, counted.counts())
+
+    def _in_common(self, sums: ResidualSums, sure: Uncertainty | None) -> float:
+        """Return the error of the recruitment that all pulses share by what the functions miss.
+
+        As a share of the recruitment at full intensity.  The force that pulses have in common
+        shows in its ripple alone, and what the functions miss has a ripple too.
+        """
+        blocks, fit, low = self._problem.blocks, self._window, self._intensity_range[0]
+        order = ring_order(blocks)[self._problem.first :]
+        acting_ns = blocks.start_ns[order][blocks.intensity[order] > 0.0]
+        if sure is None or len(acting_ns) < 2 or not sums.seconds > 0.0:
+            return 0.0
+        period = 1e-9 * float(np.median(np.diff(acting_ns)))
+        lag = np.arange(0.0, math.ceil(self._basis.duration / period), 1.0 / _PHASES) * period
+        ripple = (self._basis.evaluate(lag) @ sure.linear).reshape(-1, _PHASES).sum(axis=0)
+        power = period * float(np.var(ripple))
+        height, slopes = recruitment_curve(np.array([low, 1.0]), sure.theta)
+        part = slice(len(sure.theta))
+        variance = float(slopes[0] @ sure.covariance[part, part] @ slopes[0])
+        information = len(acting_ns) * power * sums.samples / sums.seconds
+        share = min(1.0, variance * information / (fit.variance * max(fit.inflation, fit.colour)))
+        size = float(sure.linear @ sure.linear) * sums.recruited / len(acting_ns)
+        return share * _MISSED * math.sqrt(size / max(power, 1e-300)) / abs(float(height[1]))
 
     def _uncertainty(self) -> Uncertainty | None:
         """Return the uncertainty of recruitment and w, None before the first fit."""

@@ -908,7 +908,9 @@ def gain_swing(fit: WindowFit, at: Linearised) -> float:
         return 0.0
     inverse = scaled_inverse(information)
     follows = float(inverse[2] @ matrix.T @ seen)
-    sure = abs(follows) > _SURE_SWING * math.sqrt(max(inverse[2, 2] * fit.variance, 0.0))
+    sure = abs(follows) > _SURE_SWING * math.sqrt(
+        max(inverse[2, 2] * fit.variance * fit.colour, 0.0)
+    )
     return abs(follows) * float(np.std(disturbance)) if sure else 0.0
 
 
