@@ -204,11 +204,11 @@ class BatchEstimator(ProjectionEstimator):
         first_ns = int(blocks.start_ns[place])
         most_ns = _MOST_INTERVALS * INTERVAL_NS
         length_ns = INTERVAL_NS * (1 + (self._last_ns - first_ns) // most_ns)
-        return self._constant(first_ns, length_ns, _DRIFT)
+        return self._constant(self._basis.functions, first_ns, length_ns, _DRIFT)
 
-    def _constant(self, first_ns: int, length_ns: int, liveliest: int) -> Window:
+    def _constant(self, functions: int, first_ns: int, length_ns: int, liveliest: int) -> Window:
         """Return a window up to now of a muscle that does not change."""
-        now_ns, origin = self._last_ns, no_change(self._basis.functions)
+        now_ns, origin = self._last_ns, no_change(functions)
         times = np.array([now_ns / length_ns])
         return Window(
             first_ns, now_ns, length_ns, times, (), origin, None, liveliest, changes=False
@@ -290,8 +290,7 @@ class BatchEstimator(ProjectionEstimator):
         self._compared_ns = strong_ns
         self._window.colour = self._colour(first_ns)
         knowledge = self._of_any_shape(self._prior)
-        window = self._constant(first_ns, INTERVAL_NS, len(LIVELINESS) - 1)
-        window = replace(window, origin=no_change(present.functions))
+        window = self._constant(present.functions, first_ns, INTERVAL_NS, len(LIVELINESS) - 1)
         fit = fresh_fit(theta, present.functions)
         if present == self._basis:
             fit = replace(self._window, levels=np.zeros(2), first=0, left_out=NO_EVENTS)

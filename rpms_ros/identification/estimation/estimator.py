@@ -207,10 +207,11 @@ class ProjectionEstimator:
         blocks, fit, low = self._problem.blocks, self._window, self._intensity_range[0]
         order = ring_order(blocks)[self._problem.first :]
         acting_ns = blocks.start_ns[order][blocks.intensity[order] > 0.0]
-        if sure is None or len(acting_ns) < 2 or not sums.seconds > 0.0:
+        period = 1e-9 * float(np.median(np.diff(acting_ns))) if len(acting_ns) > 1 else 0.0
+        if sure is None or not (period > 0.0 and sums.seconds > 0.0):
             return 0.0
-        period = 1e-9 * float(np.median(np.diff(acting_ns)))
-        lag = np.arange(0.0, math.ceil(self._basis.duration / period), 1.0 / _PHASES) * period
+        count = _PHASES * math.ceil(self._basis.duration / period)
+        lag = np.arange(count) * (period / _PHASES)
         ripple = (self._basis.evaluate(lag) @ sure.linear).reshape(-1, _PHASES).sum(axis=0)
         power = period * float(np.var(ripple))
         height, slopes = recruitment_curve(np.array([low, 1.0]), sure.theta)

@@ -391,8 +391,8 @@ class Linearised:
         self.equations: Equations = assembled(self.intervals, point, self.ages)
         self.samples = float(self.intervals.samples.sum())
         self.power = float(self.intervals.energy.sum()) / max(self.samples, 1.0)
-        # too weak to be seen, but w is solvable where nothing has been stimulated; an earlier
-        # result makes it so, and of a window with hardly any force it would know less
+        # w is solvable where nothing has been stimulated.  An earlier result makes it so, too, and
+        # would be outweighed where there is hardly any force
         ridge = 0.0 if knowledge.has_result else _RIDGE / (self.power + LEAST_ENERGY)
         self.terms: Terms = knowledge.terms_at(point, ridge, window.walks())
 
