@@ -16,13 +16,11 @@ from contextlib import suppress
 from pathlib import Path
 
 _PREFIX = 'rpms_ros-'
-_VARIABLE = 'NUMBA_CACHE_DIR'
 # A state of the sources that was worked on lately is worth its compiled functions.
 _MOST_STATES = 4
 # Lines that are a comment, and statements that are nothing but a text.
 _REMARKS = re.compile(
-    rb'^[ \t]*(?:#[^\n]*|r?"""[^"\\]*(?:(?:\\.|""?(?!"))[^"\\]*)*"""[ \t]*)\n',
-    re.MULTILINE | re.DOTALL,
+    rb'(?ms)^[ \t]*(?:#[^\n]*|r?"""[^"\\]*(?:(?:\\.|""?(?!"))[^"\\]*)*"""[ \t]*)\n'
 )
 
 
@@ -33,7 +31,9 @@ def key_of(package: Path) -> str:
     that file anew, and what calls them is still right.
     """
     digest = hashlib.sha256()
-    for path in sorted(package.rglob('*.py')):
+    # another process may take folders of other states away meanwhile, which os.walk passes over
+    found = (Path(folder, name) for folder, _, names in os.walk(package) for name in names)
+    for path in sorted(path for path in found if path.suffix == '.py'):
         content = path.read_bytes()
         if b'njit' in content:
             code = _REMARKS.sub(b'', content)
@@ -49,7 +49,7 @@ def use_cache_of(package: Path) -> None:
     the user's cache.  Where nothing can be written, numba does as it always does.
     """
     key = key_of(package)
-    given = os.environ.get(_VARIABLE)
+    given = os.environ.get('NUMBA_CACHE_DIR')
     if given and Path(given).name == key:
         return
     own = Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache', 'rpms_ros')
@@ -59,11 +59,12 @@ def use_cache_of(package: Path) -> None:
             folder.mkdir(parents=True, exist_ok=True)
             if os.access(folder, os.W_OK):
                 folder.touch()
-                os.environ[_VARIABLE] = str(folder)
+                os.environ['NUMBA_CACHE_DIR'] = str(folder)
                 if 'numba' in sys.modules:
                     # It has read its environment already.
                     sys.modules['numba'].config.CACHE_DIR = str(folder)
-                states = sorted(base.glob(f'{_PREFIX}*'), key=lambda path: path.stat().st_mtime)
-                for state in states[:-_MOST_STATES]:
-                    shutil.rmtree(state, ignore_errors=True)
+                with suppress(OSError):
+                    states = sorted(base.glob(f'{_PREFIX}*'), key=os.path.getmtime)
+                    for state in states[:-_MOST_STATES]:
+                        shutil.rmtree(state, ignore_errors=True)
                 return

@@ -6,7 +6,9 @@ import os
 import subprocess
 import sys
 
-from rpms_ros.compiled_cache import key_of
+import numba
+
+from rpms_ros.compiled_cache import key_of, use_cache_of
 
 CALLED = 'from numba import njit\n\n@njit(cache=True)\ndef called(x):\n    return x + {}\n'
 CALLER = """from numba import njit
@@ -75,3 +77,22 @@ def test_the_key_is_that_of_compiled_sources_only(tmp_path):
     for code in (CALLED.format(2), 'TEXT = """one\n"""\n' + CALLED.format(1)):
         (tmp_path / 'called.py').write_text(code)
         assert key_of(tmp_path) != key
+
+
+def test_what_another_process_takes_away_is_not_missed(tmp_path, monkeypatch):
+    """Nodes that start at once after an edit prune the same folder: one of them failed."""
+    cache, scandir = tmp_path / '__pycache__', os.scandir
+    (cache / 'rpms_ros-going').mkdir(parents=True)
+    (cache / 'rpms_ros-gone').symlink_to(tmp_path / 'gone')
+    (tmp_path / 'called.py').write_text(CALLED.format(1))
+
+    def taken_away(path='.'):
+        if 'rpms_ros-going' in str(path):
+            raise FileNotFoundError(path)
+        return scandir(path)
+
+    monkeypatch.setattr(os, 'scandir', taken_away)
+    monkeypatch.setenv('NUMBA_CACHE_DIR', '')
+    monkeypatch.setattr(numba.config, 'CACHE_DIR', '')
+    use_cache_of(tmp_path)
+    assert os.environ['NUMBA_CACHE_DIR'] == str(cache / key_of(tmp_path))
