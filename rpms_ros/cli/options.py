@@ -5,6 +5,7 @@
 import argparse
 import inspect
 import math
+import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -236,7 +237,14 @@ def compile_estimator(build: 'Callable[[], Estimator]', quiet: bool) -> None:
         if not quiet:
             print(f'rpms: {COMPILING}', file=sys.stderr)
 
-    warm_up(build, tell, load=False)
+    before = signal.getsignal(signal.SIGINT)
+    if before is signal.default_int_handler:
+        # what that raises, callbacks of numba drop, and then a function that is not there is kept
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    try:
+        warm_up(build, tell, load=False)
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 @contextmanager

@@ -5,6 +5,7 @@
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
 
@@ -134,6 +135,22 @@ def test_that_it_compiles_is_said_on_stderr_terminal_or_not(capsys, monkeypatch)
     for quiet, told in ((False, 1), (True, 0)):
         options.compile_estimator(lambda: estimator_by_name('batch'), quiet)
         assert capsys.readouterr().err.count('rpms: compiling for this machine, once') == told
+
+
+def test_an_interrupt_while_it_compiles_is_not_lost():
+    """In a callback of numba, from which no exception comes back."""
+    code = (
+        'import ctypes, os, signal\n'
+        'from rpms_ros.cli.options import compile_estimator\n'
+        'from rpms_ros.identification import warm_up\n'
+        'signal.signal(signal.SIGINT, signal.default_int_handler)\n'
+        'callback = ctypes.CFUNCTYPE(None)(lambda: os.kill(os.getpid(), signal.SIGINT))\n'
+        'warm_up.warm_up = lambda *_, load: callback()\n'
+        'compile_estimator(None, quiet=True)\n'
+        'print("went on")\n'
+    )
+    done = python(code)
+    assert (done.returncode, done.stdout, done.stderr) == (-signal.SIGINT, '', '')
 
 
 @pytest.mark.long
