@@ -85,8 +85,7 @@ def run(arguments: argparse.Namespace) -> int:
             written = ', '.join(['result.json', *(path.name for path in drawn)])
             print(f'{place}: {written}', file=sys.stderr)
     nothing = any(not (one.twitches or one.summation or one.recruitment) for one in analyses)
-    faulty = any(recording.facts.faults for recording in recordings)
-    return 1 if faulty or nothing else 0
+    return int(nothing or any(recording.facts.faults for recording in recordings))
 
 
 def _joined(sessions: Sequence[Session]) -> Session:

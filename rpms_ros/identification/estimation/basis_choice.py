@@ -199,8 +199,15 @@ class BasisChoice:
             best, nearest = nearest, max((nearest, *neighbours(nearest)), key=self._roughly)
         return nearest
 
-    def spread(self, basis: LaguerreBasis) -> FloatArray:
+    def spread(self, basis: LaguerreBasis, known_ns: int) -> FloatArray:
         """Return how w on a basis differs among the bases that are nearly as likely.
+
+        Parameters
+        ----------
+        basis : LaguerreBasis
+            The one.
+        known_ns : int
+            First sample of all [ns]: if it is before those compared, all tell the steady force.
 
         Returns
         -------
@@ -220,6 +227,9 @@ class BasisChoice:
         weight, values = np.array(share) / sum(share), np.array(linear)
         mean = weight @ values
         away = values - mean
+        area, own = basis.area, self.explained(basis).fit.point.linear
+        if self.window.first_ns > known_ns and area @ own > 0.0:
+            away = away - np.outer(away @ area, own) / (area @ own)
         return (weight * away.T) @ away / max(float(mean @ mean), 1e-300)
 
     def explained(self, basis: LaguerreBasis, rough: bool = False) -> BasisFit:

@@ -301,7 +301,7 @@ class BatchEstimator(ProjectionEstimator):
         self._searches += everywhere
         basis = choice.better(everywhere)
         basis = choice.richer(basis) if final else basis
-        self._basis_spread = choice.spread(basis)
+        self._basis_spread = choice.spread(basis, self._raw.first_ns)
         if basis == self._basis:
             return False
         found = choice.explained(basis).fit

@@ -257,8 +257,7 @@ def explain(
 
     `known` is what is known after a change of this kind, see `after`.
     """
-    functions = len(before.point.linear)
-    unknowns = len(before.point.theta) + functions
+    unknowns = len(before.point.theta) + len(before.point.linear)
     point = steady(before.point.theta, before.point.linear)
     scales = replace(before.fit.scales, disturbance=disturbance, increment=0, thresholds=0)
     fit = replace(

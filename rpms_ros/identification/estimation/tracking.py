@@ -583,8 +583,7 @@ class TrackingEstimator(ProjectionEstimator):
         if not self._schedule.begun:
             # nothing is known that would be lost
             self._watch.forget()
-            size = int(self._problem.blocks.size[0])
-            self._problem = self._problem._replace(first=size)
+            self._problem = self._problem._replace(first=int(self._problem.blocks.size[0]))
             self._begin_without_tremor()
             return
         self._tremor.reject()
@@ -805,12 +804,7 @@ class TrackingEstimator(ProjectionEstimator):
         better = (found != self._basis or quieter or freed) and not livelier
         adopts = explained.tremor or better
         basis = found if adopts else self._basis
-        self._basis_spread = choice.spread(basis)
-        linear, area = choice.explained(basis).fit.point.linear, basis.area
-        if choice.window.first_ns > self._span().first_ns and area @ linear > 0.0:
-            # the steady force is known from all samples of the window, not the newest alone
-            kept = np.eye(len(area)) - np.outer(linear, area) / (area @ linear)
-            self._basis_spread = kept @ self._basis_spread @ kept.T
+        self._basis_spread = choice.spread(basis, self._span().first_ns)
         if adopts:
             self._adopt(explained, found)
 

@@ -203,8 +203,7 @@ def _of_dynamics(reasons: list[Reason], dynamics: TrainDynamics, unit: str) -> V
         f'{percent_explained(explained)} % of the variance of the {QUANTITIES[unit]}'
     )
     if explained < _GOOD_EXPLAINED:
-        grade = NO if explained < _LEAST_EXPLAINED else DOUBTFUL
-        reasons.append((grade, text))
+        reasons.append((NO if explained < _LEAST_EXPLAINED else DOUBTFUL, text))
     if dynamics.onset_s is None:
         reasons.append((DOUBTFUL, 'noise hides when the force begins'))
     return of_reasons(reasons, text)

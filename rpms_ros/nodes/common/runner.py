@@ -64,7 +64,8 @@ class StopRequest:
     The handlers of rclpy shut the context down at once, so that publishing in a callback fails.
     The handler of Python raises in the running code, where the exception may get lost: callbacks
     from C print and discard it.  So the request is always stored too.  Nothing is raised within
-    numba: what was half compiled or loaded would be called and crash the process.
+    numba: what was half compiled or loaded would be called and crash the process.  A second signal
+    ends a process there that does not spin yet.
 
     Attributes
     ----------
@@ -116,12 +117,15 @@ class StopRequest:
         for number in numbers:
             self._before[number] = signal.signal(number, self._on_signal)
 
-    def _on_signal(self, _number: int, frame: FrameType | None) -> None:
+    def _on_signal(self, number: int, frame: FrameType | None) -> None:
         again, self.made = self.made, True
         modules = {one.f_globals.get('__name__', '').split('.')[0] for one, _ in walk_stack(frame)}
         if again or not self._spinning:
             if 'numba' not in modules:
                 raise KeyboardInterrupt
+            if again and number != signal.SIGALRM and not self._spinning:
+                # a large function compiles for a minute, and nothing has begun that has to end
+                os._exit(0)
             signal.setitimer(signal.ITIMER_REAL, 0.05)
 
 

@@ -257,8 +257,7 @@ def _header(above: Sequence[list[str]], width: int) -> tuple[list[str], list[str
     units = [''] * width
     if len(wide) > 1 and all(_UNITS.match(cell) for cell in wide[-1]):
         units = [cell.strip('[]() ') for cell in wide.pop()]
-    names = wide[-1] if wide else [''] * width
-    return names, units
+    return (wide[-1] if wide else [''] * width), units
 
 
 def _columns(path: Path, rows: Sequence[list[str]], width: int, comma: bool) -> list[FloatArray]:

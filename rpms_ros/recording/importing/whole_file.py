@@ -206,8 +206,7 @@ def _converted(
     pulses = gate_pulses(_stamps(file, gate, guess, options), gate.values, options)
     if pulses.sequence[0]:
         # what the pulse of unknown onset acts on, as far as no other one does
-        first_ns = min(int(pulses.onset_ns[0]), int(stamp_ns[0]) + _ACTS_NS)
-        kept = stamp_ns >= first_ns
+        kept = stamp_ns >= min(int(pulses.onset_ns[0]), int(stamp_ns[0]) + _ACTS_NS)
         trace = ForceTrace(trace.stamp_ns[kept], trace.force[kept])
     return pulses, trace
 
@@ -301,8 +300,7 @@ def begins_amid(pulses: PulseTrain, forces: ForceTrace) -> bool:
     low, high = np.percentile(force, [1.0, 99.0])
     noise = float(np.median(np.abs(np.diff(force, 2)))) / (0.6745 * np.sqrt(6.0))
     least = max(_SHARE * (high - low), _NOISE * noise)
-    level = float(np.median(before))
-    return bool(low + least < level < high - least)
+    return bool(low + least < float(np.median(before)) < high - least)
 
 
 _ZIP, _XDF, _HDF5, _MATLAB = b'PK\x03\x04', b'XDF:', b'\x89HDF', b'MATLAB'
