@@ -338,6 +338,16 @@ def test_noise_is_of_no_other_clock(random_session, seconds):
         assert not {CLOCKS_DIFFER, FORCE_WITHOUT_PULSES} & set(found.last.doubts)
 
 
+@pytest.mark.parametrize('seed', range(4))
+def test_slow_pulses_of_random_intensity_are_of_another_clock_only_if_they_are(seed):
+    """Six of fifteen sessions of 20 pulses were: by chance, by some of their periods."""
+    intensity = np.random.default_rng(seed).uniform(0.0, 1.0, 20)
+    pulses, forces = answered(intensity, 21.0, rate=1.0)
+    for ahead, said in ((0.0, False), (0.3, True)):
+        found = identify(estimator_by_name('recursive'), pulses, shifted(forces, ahead), SELDOM)
+        assert (CLOCKS_DIFFER in found.last.doubts) is said
+
+
 @pytest.mark.parametrize('known', [slice(30), slice(60, 100)])
 def test_pulses_missing_at_an_end_are_said(known):
     pulses, forces = answered(np.full(100, 0.8), 8.0)

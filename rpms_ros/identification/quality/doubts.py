@@ -268,8 +268,9 @@ _BINS, _LAGS = 6000, 2000
 # Pulses are known so far ahead of the samples.
 _AHEAD = 40
 _FEWEST = 20
-# Intensities that are so much alike from pulse to pulse tell no delay; pulses that foretell one.
-_FORETOLD, _TOLD = 0.9, 6
+# Intensities that are so much alike from pulse to pulse tell no delay; pulses that foretell one;
+# with fewer pulses a delay of some periods is as likely by chance.
+_FORETOLD, _TOLD, _MANY = 0.9, 6, 60
 # Pulses in a row that arrive apart from the force; those kept.
 _FEW_APART, _STRANGE = 5, 200
 # Peak of a correlation in standard deviations of the rest of it.
@@ -379,7 +380,7 @@ def _answered_apart(
     varied = float(np.ptp(given)) >= SMALLEST_INTENSITY_SPAN
     given -= given.mean()
     alike = float(given[1:] @ given[:-1]) / float(given @ given) if varied else 1.0
-    if alike < _FORETOLD:
+    if alike < _FORETOLD and len(given) >= _MANY:
         # what pulses before do not tell, or levels that are held would answer ahead; one alone
         # would leave an echo of single pulses among slow ones
         before, drive[:] = np.lib.stride_tricks.sliding_window_view(given[:-1], _TOLD), 0.0
