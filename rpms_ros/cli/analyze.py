@@ -12,6 +12,7 @@ from pathlib import Path
 
 from rpms_ros.cli.files import add_signal_options
 from rpms_ros.cli.options import Subparsers, add_command, add_reading_options, progress, read, warn
+from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, ForceTrace, PulseTrain
 from rpms_ros.report.text import write_text
 
@@ -60,20 +61,23 @@ def run(arguments: argparse.Namespace) -> int:
     names = [bag.name for bag in arguments.bags]
     sessions = [(recording.pulses, recording.forces) for recording in recordings]
     if arguments.together:
+        if len(units := {one.unit for one in recordings}) > 1:
+            raise RecordingError(f'expected one quantity, got {" and ".join(sorted(units))}')
         sessions, names = [_joined(sessions)], [f'{names[0]} to {names[-1]}']
     if arguments.unknown_intensity:
         sessions = [(replace(one, intensity=math.nan * one.intensity), f) for one, f in sessions]
     with progress('analysing', None, 'responses', arguments.quiet) as advance:
         found = [analyze(*session, progress=lambda *_: advance(1)) for session in sessions]
-    analyses = [replace(one, unit=recordings[0].unit) for one in found]
+    pairs = zip(found, recordings, strict=not arguments.together)
+    analyses = [replace(one, unit=recording.unit) for one, recording in pairs]
     documents = [analysis_document(analysis) for analysis in analyses]
     if arguments.json:
         print(json.dumps(documents if len(documents) > 1 else documents[0], allow_nan=False))
     else:
         print(analysis_text(analyses, names))
     warn(('warning', text) for recording in recordings for text in recording.facts.remarks)
-    pairs = zip(names, analyses, strict=True)
-    warn((name, finding) for name, one in pairs for finding in one.findings)
+    named = zip(names, analyses, strict=True)
+    warn((name, finding) for name, one in named for finding in one.findings)
     if arguments.out:
         from rpms_ros.report.analysis_figures import draw_analysis
 

@@ -44,8 +44,7 @@ def add_demo(subparsers: Subparsers) -> None:
         'one pass with a state of fixed size, or one that follows a muscle that changes '
         '(default: recursive, with a scenario tracking)'
     )
-    estimators = ('recursive', 'tracking')
-    add_option(parser, '--estimator', None, text, choices=estimators)
+    add_option(parser, '--estimator', None, text, choices=('recursive', 'tracking'))
     add_preset_option(parser)
     text = 'show it in the browser while it runs, on this port (default: 8765)'
     parser.add_argument('--live', nargs='?', type=int, const=PORT, metavar='PORT', help=text)

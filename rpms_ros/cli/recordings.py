@@ -33,8 +33,7 @@ if TYPE_CHECKING:
 
 def add_info(subparsers: Subparsers) -> None:
     """Add `rpms info`."""
-    summary = 'what a recording holds'
-    parser = add_command(subparsers, 'info', run_info, summary)
+    parser = add_command(subparsers, 'info', run_info, 'what a recording holds')
     add_bag(parser)
     add_json(parser)
     add_memory_option(parser)

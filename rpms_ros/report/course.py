@@ -209,8 +209,7 @@ def _warnings(before: Estimate, one: Estimate) -> list[str]:
 
 
 def _path(found: Iterator[Stated | None]) -> TimeCourse:
-    unknown = (np.nan,) * 3
-    rows = [(one.value, one.lower, one.upper) if one else unknown for one in found]
+    rows = [(one.value, one.lower, one.upper) if one else (np.nan,) * 3 for one in found]
     return TimeCourse(*np.array(rows).T)
 
 

@@ -74,6 +74,16 @@ def test_parts_of_a_session_are_analysed_as_one(rpms, magnetic):
     assert not any('sample rate' in line for line in document['findings'])
 
 
+def test_forces_and_torques_are_no_parts_of_one_session(rpms, tmp_path):
+    paths = [tmp_path / 'leg.csv', tmp_path / 'arm.csv']
+    for path, title in zip(paths, ('Force [N]', 'Torque [Nm]'), strict=True):
+        lines = [f'{at / 100},{at % 7},{5 * (at % 50 == 9)}' for at in range(200)]
+        path.write_text('\n'.join([f'Time [s],{title},Gate', *lines]))
+    code, out, err = rpms('analyze', '--together', *paths)
+    assert (code, out) == (2, '')
+    assert err.endswith('rpms: error: expected one quantity, got N and N m\n')
+
+
 def test_intensities_that_mean_nothing_are_not_used(rpms, magnetic):
     _, out, err = rpms('analyze', '--unknown-intensity', magnetic, '--json')
     assert json.loads(out)['twitches']['latency']['rows'][0]['intensity'] is None

@@ -73,6 +73,23 @@ def test_without_a_header_the_columns_are_numbered(tmp_path):
     expect_the_session(*imported(path))
 
 
+@pytest.mark.parametrize('unit', ['h', 'ns', 'samples'])
+def test_a_time_in_a_unit_that_is_not_known_is_refused(tmp_path, unit):
+    """It was taken for seconds, as if none had been stated."""
+    path = tmp_path / 'trial.csv'
+    path.write_text('\n'.join([f'Time [{unit}],Force [N],Stim [V]', *rows(',')]))
+    with pytest.raises(Ambiguous, match=rf"expected a time in s, .*, got 'Time \[{unit}\]' in"):
+        imported(path)
+    expect_the_session(*imported(path, time_unit='s'))
+
+
+@pytest.mark.parametrize('name', ['Time (Seconds)', 'Zeit [Sec]'])
+def test_a_unit_of_time_may_be_spelled_out(tmp_path, name):
+    path = tmp_path / 'trial.csv'
+    path.write_text('\n'.join([f'{name},Force [N],Stim [V]', *rows(',')]))
+    assert dict(import_file(path, ImportOptions()).facts)['time'].endswith('as the file says')
+
+
 def test_times_of_day_are_times(tmp_path):
     lines = [
         f'2024-03-01 10:00:{second:06.3f};{force};{gate}'

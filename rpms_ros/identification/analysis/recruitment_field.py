@@ -123,8 +123,7 @@ def steady_point(
     start = int(onset_ns[level.first])
     period = NANOSECONDS_PER_SECOND / level.rate_hz
     end = float(onset_ns[level.last - 1]) + period
-    settled = start + SETTLING * NANOSECONDS_PER_SECOND
-    periods = int((end - settled) / period + 1e-6)
+    periods = int((end - start - SETTLING * NANOSECONDS_PER_SECOND) / period + 1e-6)
     if periods < _LEAST_PERIODS:
         return f'level shorter than {SETTLING:g} s and {_LEAST_PERIODS} periods'
     first = end - periods * period

@@ -141,8 +141,7 @@ class Tremor:
         """
         self._sum[:] = 0.0
         self._count[:] = 0.0
-        muscle = force - rest
-        self.add(stamp_ns, force, muscle, np.ones(len(force), dtype=np.bool_))
+        self.add(stamp_ns, force, force - rest, np.ones(len(force), dtype=np.bool_))
         self.frequency = hertz
         self._follow_amplitude(1)
 

@@ -178,8 +178,7 @@ def verdict_of(
     reasons += _of_the_estimate(session.last, found, span)
     hint = '' if session.last.rate_names else _HINT
     reasons += _of_the_fit(session, pulses, part, found, hint)
-    explained = found.explained >= _GOOD_EXPLAINED
-    reasons += _of_the_estimator(session, pulses, explained)
+    reasons += _of_the_estimator(session, pulses, found.explained >= _GOOD_EXPLAINED)
     # without a curve the force is explained at one intensity only
     scope = '' if session.last.curve_known else f'{_DYNAMICS_ONLY}; '
     praise = (

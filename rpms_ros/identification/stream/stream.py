@@ -555,8 +555,7 @@ class IdentificationStream:
         if self._predictor is None:
             return None
         # all that is due, and no more: later pulses may still arrive
-        due_ns = max(int(stamp_ns[0]), int(stamp_ns[-1]) - self._pulse_look_ahead_ns)
-        self._settle(due_ns)
+        self._settle(max(int(stamp_ns[0]), int(stamp_ns[-1]) - self._pulse_look_ahead_ns))
         return self._predictor.predict(stamp_ns)
 
     def _count_marks(self, stamps: IntArray, marks: Mapping[str, BoolArray]) -> None:

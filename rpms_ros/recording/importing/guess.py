@@ -4,6 +4,7 @@
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +27,7 @@ from rpms_ros.recording.importing.signals import (
     TIME_OF_DAY,
     TIME_UNITS,
     TORQUE_UNITS,
+    UNSTATED,
     Ambiguous,
     ImportOptions,
     Signal,
@@ -225,8 +227,15 @@ def _time_unit(signal: Signal, given: str | None) -> tuple[str, str]:
                 f'got {given}'
             )
         return 's', 'from times of day'
-    if told := unit_told(signal, given, 'time-unit', TIME_UNITS):
+    plain = replace(signal, unit=signal.unit.lower())
+    if told := unit_told(plain, given, 'time-unit', TIME_UNITS):
         return told
+    # a file may state volts for all that is in it
+    if signal.unit not in (*UNSTATED, 'V'):
+        raise Ambiguous(
+            f'expected a time in {", ".join(TIME_UNITS)}, got {signal.name!r} in {signal.unit}: '
+            '--time-unit decides'
+        )
     if _counts(signal):
         raise _no_times(signal.name)
     period = float(np.median(np.diff(signal.values))) if len(signal.values) > 1 else 0.0
@@ -259,7 +268,7 @@ def _force_unit(signal: Signal, given: str | None, scale: float | None) -> tuple
     if told := unit_told(signal, given, 'force-unit', SENSOR_UNITS):
         return told
     stated = usual_unit(signal.unit)
-    if stated in ('', '-', 'a.u.', 'au'):
+    if stated in UNSTATED:
         return 'N', 'not stated (--force-unit decides)'
     raise Ambiguous(
         f'expected a force in {", ".join(SENSOR_UNITS)}, got {signal.name!r} in {stated}: '

@@ -116,8 +116,11 @@ SAMPLES = 'samples'
 LIST_UNITS = (*TIME_UNITS, SAMPLES)
 """What a list of pulses may be in: times in a unit, or numbers of samples."""
 SENSOR_UNITS = FORCE_UNITS | TORQUE_UNITS
+UNSTATED = ('', '-', 'a.u.', 'au')
+"""What stands for a unit where there is none."""
 _SYNONYMS = {
-    'sec': 's', 'seconds': 's', 'second': 's', 'µs': 'us', 'μs': 'us', 'gf': 'g', 'kgf': 'kg',
+    'sec': 's', 'seconds': 's', 'second': 's', 'msec': 'ms', 'milliseconds': 'ms', 'µs': 'us',
+    'μs': 'us', 'usec': 'us', 'microseconds': 'us', 'minutes': 'min', 'gf': 'g', 'kgf': 'kg',
     'N m': 'Nm', 'N·m': 'Nm', 'N*m': 'Nm', 'N.m': 'Nm', 'N-m': 'Nm', 'mN m': 'mNm', 'kg m': 'kgm',
     'ft lbf': 'ft-lbf', 'ft-lb': 'ft-lbf', 'ft-lbs': 'ft-lbf', 'ft lb': 'ft-lbf',
     'lbf-ft': 'ft-lbf',

@@ -99,8 +99,7 @@ def _table(path: Path, text: str, encoding: str) -> SignalFile:
     if not lines:
         raise RecordingError(f'expected a table in {path}, got an empty file')
     separator = _separator(lines)
-    split = _splitter(separator)
-    rows = [split(line) for line in lines]
+    rows = list(map(_splitter(separator), lines))
     comma = separator != ',' and _decimal_comma(rows)
     first = first_row(path, rows, comma)
     if separator == ',' and first:
