@@ -21,7 +21,7 @@ segments:
     times: 3
     segments:
       - {kind: constant, rate_hz: 5.0, final_rate_hz: 20.0, duration_s: 4.0, intensity: 0.4}
-      - {kind: doublet, interval_s: 0.01}
+      - {kind: doublet, intensity: 0.5, interval_s: 0.01}
   - {kind: staircase, rate_hz: 10.0, duration_s: 2.0, levels: [0.1, 0.2]}
   - {kind: uniform_random, rate_hz: 10.0, duration_s: 2.0, high: 0.5, seed: 4}
 """
@@ -55,14 +55,14 @@ LAUGHS = 'a0: &a0 [l, l]\n' + ''.join(
 )
 KNOWN = (
     '',
-    'name: 2001-99-99\nsegments: [{kind: single}]',
-    f'seed: {"9" * 5000}\nsegments: [{{kind: single}}]',
-    'seed: !!int ""\nsegments: [{kind: single}]',
-    'seed: !!bool x\nsegments: [{kind: single}]',
-    'seed: 0x_\nsegments: [{kind: single}]',
-    'name: "\\U00110000"\nsegments: [{kind: single}]',
-    'name: "\\ud800"\nsegments: [{kind: single}]',
-    '"\\ud800": 1\nsegments: [{kind: single}]',
+    'name: 2001-99-99\nsegments: [{kind: single, intensity: 1}]',
+    f'seed: {"9" * 5000}\nsegments: [{{kind: single, intensity: 1}}]',
+    'seed: !!int ""\nsegments: [{kind: single, intensity: 1}]',
+    'seed: !!bool x\nsegments: [{kind: single, intensity: 1}]',
+    'seed: 0x_\nsegments: [{kind: single, intensity: 1}]',
+    'name: "\\U00110000"\nsegments: [{kind: single, intensity: 1}]',
+    'name: "\\ud800"\nsegments: [{kind: single, intensity: 1}]',
+    '"\\ud800": 1\nsegments: [{kind: single, intensity: 1}]',
     'segments: [{kind: single, "\\ud800": 1}]',
     '[' * 50_000,
     '{a: ' * 50_000,
@@ -73,9 +73,9 @@ KNOWN = (
     'a: &a [*a]\nsegments: *a',
     '&a a: *a',
     'segments: &s [{kind: repeat, times: 2, segments: *s}]',
-    'segments: [{kind: constant, rate_hz: 1e-320, duration_s: 1.0}]',
+    'segments: [{kind: constant, rate_hz: 1e-320, duration_s: 1.0, intensity: 1}]',
     'segments: [{kind: sinusoid, rate_hz: 20.0, duration_s: 1.0, period_s: 1e-320}]',
-    'segments: [{kind: constant, rate_hz: 010, duration_s: 1.0}]',
+    'segments: [{kind: constant, rate_hz: 010, duration_s: 1.0, intensity: 1}]',
     'segments: [{kind: pause, duration_s: 1:30}]',
     'segments: [{kind: single, intensity: 0.1, intensity: 1.0}]',
     'segments: [{kind: uniform_random, rate_hz: 9.0, duration_s: 1.0, low: 0.7, high: 0.4}]',
@@ -89,9 +89,9 @@ KNOWN = (
     '\n' * 199_999,
     '#' * 199_999,
     '\x00' * 1000,
-    '\ufeffname: x\nsegments: [{kind: single}]',
+    '\ufeffname: x\nsegments: [{kind: single, intensity: 1}]',
     '--- \n--- \n',
-    '%YAML 1.1\n---\nsegments: [{kind: single}]',
+    '%YAML 1.1\n---\nsegments: [{kind: single, intensity: 1}]',
     'x' * 5_000_000,
 )
 

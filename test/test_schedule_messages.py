@@ -35,7 +35,7 @@ segments:
           - {kind: doublet, intensity: 0.3, interval_s: 0.02}
       - {kind: uniform_random, rate_hz: 20.0, duration_s: 1.0}
   - {kind: uniform_random, rate_hz: 20.0, duration_s: 1.0, low: 0.2, seed: 9}
-  - {kind: n_let, count: 4, interval_s: 0.02}
+  - {kind: n_let, intensity: 0.7, count: 4, interval_s: 0.02}
   - {kind: pause, duration_s: 2.0}
 """
 
@@ -69,7 +69,9 @@ def test_any_nesting_that_a_file_may_have_goes_there_and_back(depth, times, seed
     own = '' if seed is None else f', seed: {seed}'
     text = f'{{kind: uniform_random, rate_hz: 5.0, duration_s: 1.0{own}}}'
     for _ in range(depth):
-        text = f'{{kind: repeat, times: {times}, segments: [{{kind: single}}, {text}]}}'
+        text = (
+            f'{{kind: repeat, times: {times}, segments: [{{kind: single, intensity: 1}}, {text}]}}'
+        )
     schedule = schedule_from_text(f'segments: [{text}]')
     assert schedule_of(schedule_message(schedule, MESSAGE_TYPES)) == schedule
 

@@ -94,7 +94,11 @@ def test_what_is_deliverable_says_so(tmp_path, rpms):
     [
         ('segments: [', 'rapid2-240v', 'expected a YAML document'),
         ('segments: [{kind: pause}]', 'rapid2-240v', 'line 1, segments[0].duration_s: expected'),
-        ('segments: [{kind: single}]', 'oracle', 'expected a device of rapid2-240v, simulated'),
+        (
+            'segments: [{kind: single, intensity: 1}]',
+            'oracle',
+            'expected a device of rapid2-240v, simulated',
+        ),
     ],
 )
 def test_unusable_input_is_one_line(tmp_path, rpms, text, device, fault):

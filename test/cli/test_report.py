@@ -56,7 +56,7 @@ def test_what_is_stated_goes_into_the_page(rpms, short_session, tmp_path):
     assert document['title'] == 'Leg 7'
 
 
-TEXT = 'name: warm-up\nsegments: [{kind: single}]\n'
+TEXT = 'name: warm-up\nsegments: [{kind: single, intensity: 1}]\n'
 HASH = hashlib.sha256(TEXT.encode()).hexdigest()
 
 

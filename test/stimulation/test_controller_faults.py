@@ -12,7 +12,7 @@ from rpms_ros.stimulation.driver.states import State
 
 BUSY = 'computer too busy: pulses stopped; '
 SHORT = constant(0.5, 0.5, 20.0)
-PAUSES = Schedule((Single(duration_s=3.0), Single(duration_s=1.0)))
+PAUSES = Schedule((Single(1.0, duration_s=3.0), Single(1.0, duration_s=1.0)))
 MILLISECOND = 1_000_000
 
 

@@ -119,7 +119,9 @@ def test_after_the_end_and_after_a_cancel_the_device_is_disarmed_at_zero(virtual
 
 
 def test_intensity_is_zero_after_the_last_pulse_and_in_long_pauses(virtual):
-    pauses = Schedule((Single(duration_s=2.0, intensity=0.8), Single(duration_s=2.0), Pause(3.0)))
+    pauses = Schedule(
+        (Single(duration_s=2.0, intensity=0.8), Single(1.0, duration_s=2.0), Pause(3.0))
+    )
     driver = virtual().started(pauses)
     for moment in (0.03, 1.0, 0.9, 0.11, 3.0):
         driver.advance(moment)

@@ -198,13 +198,13 @@ def test_idleness_counts_from_arming_for_the_forecast_too(virtual):
     driver = virtual(Limits(idle_disarm_s=5.0)).armed()
     driver.advance(3.0)
     with pytest.raises(Refused, match='idle_disarm_s: expected at most 5 s without a pulse'):
-        driver.controller.start(Schedule((Pause(4.0), Single(duration_s=0.5))))
-    run = driver.controller.start(Schedule((Pause(1.9), Single(duration_s=0.5))))
+        driver.controller.start(Schedule((Pause(4.0), Single(1.0, duration_s=0.5))))
+    run = driver.controller.start(Schedule((Pause(1.9), Single(1.0, duration_s=0.5))))
     driver.advance(3.0)
     assert run.completed
     driver.controller.arm()
     with pytest.raises(Refused, match=r'idle_disarm_s: .* got 6 s'):
-        driver.controller.start(Schedule((Single(duration_s=1.0), Pause(5.0))))
+        driver.controller.start(Schedule((Single(1.0, duration_s=1.0), Pause(5.0))))
 
 
 def test_schedule_over_the_dose_is_refused_before_its_first_pulse(virtual):

@@ -132,7 +132,7 @@ def test_checked_pulse_does_not_wait_for_a_keep_alive_that_hangs(virtual):
     """The heart stops while the device is busy: no pulse after the heart's time is over."""
     times = {'heartbeat_s': 0.3, 'executor_timeout_s': 5.0}
     driver = virtual(**times, stuck_limit_s=1.0, lateness_limit_s=0.1)
-    driver.started(Schedule((Single(duration_s=2.0), Single(duration_s=1.0))), 0.06)
+    driver.started(Schedule((Single(1.0, duration_s=2.0), Single(1.0, duration_s=1.0))), 0.06)
     assert len(driver.device.commands) == 1
     keep_alive = type(driver.device).keep_alive
 

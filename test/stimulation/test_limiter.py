@@ -202,9 +202,9 @@ def test_the_paper_exceeds_the_device(rapid):
         (constant(0.5, 1.0, 31.0), 'rate_limits_hz'),
         (constant(0.7, 27.0, 20.0), 'continuous_power_w'),
         (constant(0.1, 101.0, 20.0), 'maximum_train_pulses'),
-        (Schedule((Pause(61.0), Single())), 'idle_disarm_s'),
-        (Schedule((*constant(0.7, 20.0, 20.0).segments, Pause(5.0), Single())), 'wait'),
-        (Schedule((Single(),), width_s=1e-3), 'maximum_width_s'),
+        (Schedule((Pause(61.0), Single(1.0))), 'idle_disarm_s'),
+        (Schedule((*constant(0.7, 20.0, 20.0).segments, Pause(5.0), Single(1.0))), 'wait'),
+        (Schedule((Single(1.0),), width_s=1e-3), 'maximum_width_s'),
         (constant(0.45, 90.0, 20.0), 'deliverable'),
     ],
 )
@@ -215,8 +215,8 @@ def test_each_limit_is_named(rapid, schedule, limit):
 
 def test_silence_counts_up_to_the_end(rapid):
     specification = dataclasses.replace(rapid, limits=Limits(idle_disarm_s=5.0))
-    assert forecast(Schedule((Pause(4.0), Single(duration_s=1.0))), specification).deliverable
-    trailing = forecast(Schedule((Single(duration_s=1.0), Pause(5.0))), specification)
+    assert forecast(Schedule((Pause(4.0), Single(1.0, duration_s=1.0))), specification).deliverable
+    trailing = forecast(Schedule((Single(1.0, duration_s=1.0), Pause(5.0))), specification)
     assert [(found.time_s, found.pulses) for found in trailing.violations] == [(6.0, 0)]
     assert not forecast(Schedule((Pause(5.1),)), specification).deliverable
 

@@ -156,12 +156,22 @@ def test_catch_pulses_are_of_the_course_and_at_random_places():
         ('[1, 2]', 'expected a mapping of names to values, got'),
         ('name: x', r'line 1, segments: expected a list of segments, got None'),
         ('segments: []', r'line 1, segments: expected a list of segments, got \[\]'),
-        ('name: 3\nsegments: [{kind: single}]',
+        ('name: 3\nsegments: [{kind: single, intensity: 1}]',
          r'line 1, name: expected a text of 1 to 64 printable characters, got 3'),
-        ('segments: [{kind: single}]\nspeed: 3', r'line 2, speed: expected one of .*, got'),
+        ('segments: [{kind: single, intensity: 1}]\nspeed: 3',
+         r'line 2, speed: expected one of .*, got'),
         ('segments: [{kind: blast}]', r'segments\[0\]\.kind: expected one of .* got .blast'),
         ('segments:\n- {kind: pause}', r'line 2, segments\[0\]\.duration_s: expected .* nothing'),
-        ('segments:\n- {kind: single}\n- kind: constant\n  rate_hz: 0\n  duration_s: 1.0',
+        # it was the highest
+        *(
+            (
+                f'segments:\n- {{kind: {kind}}}',
+                r'segments\[0\]\.intensity: expected a number in \[0, 1\], got nothing',
+            )
+            for kind in ('constant, rate_hz: 20, duration_s: 1', 'single', 'doublet', 'n_let')
+        ),
+        (('segments:\n- {kind: single, intensity: 1}\n'
+         '- kind: constant\n  rate_hz: 0\n  duration_s: 1.0\n  intensity: 1'),
          r'line 4, segments\[1\]\.rate_hz: expected a number in \[0\.001, 1000\] Hz, got 0'),
         ('segments:\n- kind: repeat\n  segments:\n  - {kind: pause, duration_s: -1.0}',
          r'line 4, segments\[0\]\.segments\[0\]\.duration_s: expected .* got -1'),
@@ -171,9 +181,11 @@ def test_catch_pulses_are_of_the_course_and_at_random_places():
          r'line 2, segments\[0\]\.intensty: expected one of'),
         ('segments:\n- {kind: sinusoid, rate_hz: 20.0, duration_s: 9.0, low: 0.5, high: 0.1}',
          r'line 2, segments\[0\]: expected low <= high, got 0.5 and'),
-        ('seed: -1\nsegments: [{kind: single}]', r'line 1, seed: expected a whole number'),
-        (repeated('{kind: single}', 1, 9), 'expected at most 8 repeats in one another'),
-        (repeated('{kind: single}', 100_000, 2), 'expected at most 500000 pulses'),
+        ('seed: -1\nsegments: [{kind: single, intensity: 1}]',
+         r'line 1, seed: expected a whole number'),
+        (repeated('{kind: single, intensity: 1}', 1, 9),
+         'expected at most 8 repeats in one another'),
+        (repeated('{kind: single, intensity: 1}', 100_000, 2), 'expected at most 500000 pulses'),
         (repeated('{kind: pause, duration_s: 1.0e-6}', 100_000, 2),
          'expected at most 500000 segments after unrolling'),
         (repeated('{kind: pause, duration_s: 86400.0}', 3, 1), 'expected at most 86400 seconds'),
@@ -199,7 +211,7 @@ def test_file_is_named_in_its_fault(tmp_path):
 
 @given(rate=RATES, final=RATES, duration=DURATIONS)
 def test_sweep_fires_when_its_phase_is_whole_from_zero_to_its_end(rate, final, duration):
-    onset_ns = Constant(rate_hz=rate, duration_s=duration, final_rate_hz=final).onsets_ns()
+    onset_ns = Constant(rate, duration, 1.0, final_rate_hz=final).onsets_ns()
     assert onset_ns[0] == 0
     assert np.all(np.diff(onset_ns) > 0)
     assert onset_ns[-1] < round(duration * 1e9) or len(onset_ns) == 1
@@ -232,11 +244,11 @@ def test_own_seed_wins_over_the_schedule():
 
 def test_volleys():
     assert Single(intensity=0.3).onsets_ns().tolist() == [0]
-    assert Doublet(interval_s=0.005).onsets_ns().tolist() == [0, 5_000_000]
-    assert PulseBurst(count=4, interval_s=0.02).onsets_ns().tolist() == [
+    assert Doublet(1.0, interval_s=0.005).onsets_ns().tolist() == [0, 5_000_000]
+    assert PulseBurst(1.0, count=4, interval_s=0.02).onsets_ns().tolist() == [
         0, 20_000_000, 40_000_000, 60_000_000,
     ]  # fmt: skip
-    assert intensities(PulseBurst(count=4, intensity=0.3)).tolist() == [0.3] * 4
+    assert intensities(PulseBurst(0.3, count=4)).tolist() == [0.3] * 4
 
 
 @pytest.mark.parametrize(
@@ -245,9 +257,12 @@ def test_volleys():
         (lambda: Constant(20.0, 1.0, intensity=1.01), r'intensity: expected .* got 1.01'),
         (lambda: Staircase(20.0, 1.0, levels=()), r'levels: expected a list, each .* got \(\)'),
         (lambda: UniformRandom(20.0, 1.0, low=0.5, high=0.2), 'expected low <= high, got 0.5 a'),
-        (lambda: Doublet(count=3), r'count: expected a whole number in \[2, 2\], got 3'),
-        (lambda: PulseBurst(count=1.5), r'count: expected a whole number .* got 1.5'),
-        (lambda: PulseBurst(count=5, interval_s=0.25), r'expected a duration above 1 s, .* got 1'),
+        (lambda: Doublet(1.0, count=3), r'count: expected a whole number in \[2, 2\], got 3'),
+        (lambda: PulseBurst(1.0, count=1.5), r'count: expected a whole number .* got 1.5'),
+        (
+            lambda: PulseBurst(1.0, count=5, interval_s=0.25),
+            r'expected a duration above 1 s, .* got 1',
+        ),
         (lambda: Pause(True), r'duration_s: expected a number .* got True'),
         (lambda: Schedule(()), 'expected at least one segment, got none'),
         (lambda: Repeat(()), 'at least one segment to repeat, got none'),
@@ -300,7 +315,7 @@ def test_texts_from_a_grammar_and_from_bytes(hostile_texts, random):
 @given(st.text(st.characters(), max_size=60))
 @settings(max_examples=COUNT)
 def test_any_name(name):
-    content = {'name': name, 'segments': [{'kind': 'single'}]}
+    content = {'name': name, 'segments': [{'kind': 'single', 'intensity': 1.0}]}
     # white space is taken for one blank each
     plain = ' '.join(name.split())
     if not plain or not plain.isprintable():
@@ -315,7 +330,7 @@ def test_any_name(name):
 @pytest.mark.parametrize('key', ['\ud800', 'a\nb', '', 'x' * 10_000])
 def test_any_key_of_a_mapping(key):
     with pytest.raises(StimulationError, match='expected one of') as caught:
-        schedule_from_mapping({'segments': [{'kind': 'single'}], key: 10**5000})
+        schedule_from_mapping({'segments': [{'kind': 'single', 'intensity': 1.0}], key: 10**5000})
     assert str(caught.value).isprintable()
 
 

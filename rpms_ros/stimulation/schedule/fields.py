@@ -94,9 +94,9 @@ class Bound:
         return int(number) if self.whole else number
 
 
-def bounded(bound: Bound, default: Any = MISSING) -> Any:
-    """Return a dataclass field that carries its bound."""
-    return field(default=default, metadata={'bound': bound})
+def bounded(bound: Bound, default: Any = MISSING, *, named: bool = False) -> Any:
+    """Return a dataclass field that carries its bound, given only by its name if `named`."""
+    return field(default=default, kw_only=named, metadata={'bound': bound})
 
 
 def share(default: Any = MISSING) -> Any:

@@ -125,7 +125,7 @@ def trains(
     bursts = tuple(PulseBurst(1.0, count, 0.02, rest_s) for count in (2, 4))
     given: list[Segment] = []
     for rate in rates_hz:
-        given += [Constant(rate, duration_s), Pause(rest_s)]
+        given += [Constant(rate, duration_s, 1.0), Pause(rest_s)]
     return Schedule((REST, single, *bursts, *given), name='trains')
 
 

@@ -33,9 +33,9 @@ _PERIOD_SLACK = 1e-6
 
 @dataclass(frozen=True)
 class Even(Bounded):
-    """One intensity: field of several kinds of segments."""
+    """One intensity, which has to be stated: field of several kinds of segments."""
 
-    intensity: float = share(1.0)
+    intensity: float = share()
 
     def intensities(self, onset_s: FloatArray, _: np.random.Generator, /) -> FloatArray:
         """Return the same intensity for every pulse."""
@@ -71,7 +71,7 @@ class Repetitive(Segment):
 
     rate_hz: float = bounded(RATE)
     duration_s: float = bounded(DURATION)
-    final_rate_hz: float | None = bounded(replace(RATE, optional=True), None)
+    final_rate_hz: float | None = bounded(replace(RATE, optional=True), None, named=True)
 
     @property
     def pulse_count(self) -> int:
