@@ -14,7 +14,7 @@ from rpms_ros.api.session import Session
 from rpms_ros.axis import FORCE
 from rpms_ros.errors import RecordingError
 from rpms_ros.identification import DEFAULT_RATE
-from rpms_ros.pulses import ForceTrace, PulseTrain, stamps
+from rpms_ros.pulses import FloatArray, ForceTrace, PulseTrain, stamps
 from rpms_ros.recording import Recording, RecordingFacts, Topics, read_recording
 from rpms_ros.recording.importing import Imported, ImportOptions, import_file, is_foreign
 from rpms_ros.report.recorded import true_muscle
@@ -171,7 +171,7 @@ def from_arrays(
     time : array_like (samples,)
         Times of the samples, rising [s].
     force : array_like (samples,)
-        Force [N]; not a number where a sample is missing.
+        Force [N]; not a number, or masked, where a sample is missing.
     pulse_times : array_like (pulses,)
         Onsets of the pulses, rising, in the clock of `time` [s].
     intensity : array_like (pulses,) or float
@@ -193,8 +193,8 @@ def from_arrays(
     >>> len(session.pulses), len(session.force)
     (3, 5000)
     """
-    seconds, onsets = (np.atleast_1d(np.asarray(one, dtype=float)) for one in (time, pulse_times))
-    newtons = np.atleast_1d(np.asarray(force, dtype=float))
+    arrays = map(_numbers, (time, force, pulse_times))
+    seconds, newtons, onsets = map(np.atleast_1d, arrays)
     for what, values in (('time', seconds), ('pulse_times', onsets)):
         if values.ndim != 1 or not len(values) or not np.all(np.abs(values) < _LATEST_S):
             raise RecordingError(f'expected finite times in s in {what}, got {values}')
@@ -204,7 +204,7 @@ def from_arrays(
     if newtons.shape != seconds.shape:
         fault = f'expected a force for each of {len(seconds)} times, got {newtons.shape}'
         raise RecordingError(fault)
-    shares = np.asarray(intensity, dtype=float)
+    shares = _numbers(intensity)
     if shares.shape not in ((), onsets.shape):
         raise RecordingError(
             f'expected an intensity for each of {len(onsets)} pulses, or one, got {shares.shape}'
@@ -214,6 +214,15 @@ def from_arrays(
     pulses = PulseTrain.numbered(stamps(onsets), shares)
     forces = ForceTrace(stamps(seconds), newtons)
     return Session(name, as_recording(pulses, forces, Path(name), 'arrays'))
+
+
+def _numbers(given: npt.ArrayLike) -> FloatArray:
+    """Return them, not a number where an array is masked."""
+    try:
+        numbers: FloatArray = np.ma.filled(np.ma.array(given, dtype=float), np.nan)
+    except (TypeError, ValueError) as error:
+        raise RecordingError(f'expected numbers, got others: {error}') from error
+    return numbers
 
 
 def recording_of(found: Imported, path: Path, storage: str, sign: int, quantity: str) -> Recording:

@@ -139,8 +139,7 @@ class Session:
         facts = (
             f'{name}: {fact}' for name, fact in self.info().items() if fact not in (None, [], {})
         )
-        shown = html.escape('\n'.join(facts))
-        return f'<pre>{shown}</pre>'
+        return '<pre>' + html.escape('\n'.join(facts)) + '</pre>'
 
     def verify(self) -> list[Finding]:
         """Return what every check of the recording found: ``check``, ``state`` and ``text`` each.

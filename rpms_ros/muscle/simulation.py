@@ -167,8 +167,7 @@ def _blocks(stamp_ns: IntArray, truth_rate: float) -> list[IntArray]:
     if truth_rate <= 0.0 or not len(stamp_ns):
         edges = np.arange(0, len(stamp_ns), _BLOCK)
     else:
-        period_ns = NANOSECONDS_PER_SECOND / truth_rate
-        number = np.floor((stamp_ns - stamp_ns[0]) / period_ns)
+        number = np.floor((stamp_ns - stamp_ns[0]) / (NANOSECONDS_PER_SECOND / truth_rate))
         edges = np.flatnonzero(np.diff(number, prepend=-1.0))
     return [part for part in np.split(stamp_ns, edges[1:]) if len(part)]
 

@@ -63,8 +63,7 @@ def begin_of_response(force: FloatArray) -> int:
         return 0
     below = np.flatnonzero(force[:peak] <= 0.0)
     begin = int(below[-1]) if len(below) else 0
-    swing = float(np.abs(force[: begin + 1]).max(initial=0.0))
-    return begin if swing > _SEEN * top else 0
+    return begin if np.abs(force[: begin + 1]).max(initial=0.0) > _SEEN * top else 0
 
 
 def draw_recruitment(

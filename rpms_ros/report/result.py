@@ -233,8 +233,7 @@ class ImpulseResponse:
     @property
     def peak(self) -> Stated:
         """The largest force; ends that are not known are NaN [N]."""
-        place = int(np.argmax(self.force))
-        return _read(self, lambda row: float(row[place]))
+        return _read(self, lambda row: float(row[int(np.argmax(self.force))]))
 
 
 def _read(found: Curve | ImpulseResponse, value: Callable[[FloatArray], float]) -> Stated:

@@ -128,12 +128,16 @@ def test_arrays_become_a_session(simulated):
     np.testing.assert_array_equal(session.pulses.onset_ns, pulses.onset_ns - begin)
     np.testing.assert_array_equal(session.force.stamp_ns, simulated.force.stamp_ns - begin)
     assert set(rpms_ros.from_arrays(time, time, [1.0, 2.0]).pulses.intensity) == {1.0}
+    # what a program has masked is missing
+    seen = np.ma.masked_greater(time, time[1])
+    assert np.isfinite(rpms_ros.from_arrays(time, seen, [1.0, 2.0]).force.force).sum() == 2
 
 
 @pytest.mark.parametrize(
     ('change', 'message'),
     [
         ({'force': [1.0]}, r'expected a force for each of 3 times, got \(1,\)'),
+        ({'force': ['1', '2', 'x']}, r'expected numbers, got others: .* .x.'),
         ({'time': [0.0, 0.0, 1.0]}, r'expected rising time, got 0\.0 and then 0\.0'),
         ({'time': [0.0, np.nan, 1.0]}, r'expected finite times in s in time, got'),
         ({'pulse_times': []}, r'expected finite times in s in pulse_times, got'),

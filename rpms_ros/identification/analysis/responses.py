@@ -139,8 +139,7 @@ def _levels(pulses: PulseTrain, first: int, last: int) -> tuple[Level, ...]:
     other |= np.abs(np.nan_to_num(np.diff(intensity))) > _SAME_INTENSITY
     jump = np.abs(interval[1:] / interval[:-1] - 1.0) > _SAME_INTERVAL
     starts = np.flatnonzero(other | jump) + 1
-    ends = np.append(starts, len(intensity))[1:]
-    kept = starts[other[starts - 1] | (ends - starts > 1)]
+    kept = starts[other[starts - 1] | (np.append(starts, len(intensity))[1:] - starts > 1)]
     return tuple(
         Level(
             first + low,

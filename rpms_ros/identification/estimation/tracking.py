@@ -449,8 +449,7 @@ class TrackingEstimator(ProjectionEstimator):
         rest = float(np.median(fit.levels))
         full = float(np.abs(estimate.curve_force).max(initial=0.0))
         follows = follows_intensity(self._problem, fit, full)
-        newest = fit.first + len(fit.levels) - 1
-        behind = max(stamp_ns / INTERVAL_NS - newest, 0.0) + 1.0
+        behind = max(stamp_ns / INTERVAL_NS - (fit.first + len(fit.levels) - 1), 0.0) + 1.0
         slope = abs(float(np.diff(fit.levels[-2:]).sum()))
         described = replace(
             estimate,

@@ -79,8 +79,7 @@ class Tremor:
         """Return the tremor's force at stamps (samples,) [N]."""
         if self.frequency == 0.0:
             return np.zeros(len(stamp_ns))
-        time = seconds(stamp_ns - self._newest * _BIN_NS)
-        wave = waves(self.frequency, time)
+        wave = waves(self.frequency, seconds(stamp_ns - self._newest * _BIN_NS))
         force: FloatArray = self._cosine * wave[:, 0] + self._sine * wave[:, 1]
         return force
 

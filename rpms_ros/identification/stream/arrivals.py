@@ -442,8 +442,7 @@ class ForceIntake:
     def _take(self, stamps: IntArray, values: FloatArray) -> None:
         """Take samples (samples,) of possible values, with stamps of any kind."""
         steps = np.diff(stamps)
-        irregular = np.flatnonzero((steps <= 0) | (steps > GAP_NS)) + 1
-        ends = np.append(irregular, len(stamps))
+        ends = np.append(np.flatnonzero((steps <= 0) | (steps > GAP_NS)) + 1, len(stamps))
         start = 0
         while start < len(stamps):
             if not self._goes_on(int(stamps[start]), float(values[start])):
