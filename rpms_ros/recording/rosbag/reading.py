@@ -207,7 +207,7 @@ class Recording:
         steps = np.diff(np.sort(self.forces.stamp_ns))
         gaps = steps[steps > 2 * np.median(steps)] if len(steps) else steps
         if not len(gaps):
-            return 'the recording is damaged: force is missing at its beginning or end'
+            return 'the recording is damaged: force may be missing at its beginning or end'
         share = 100.0 * float(gaps.sum()) / max(float(steps.sum()), 1.0)
         return (
             f'the recording is damaged: {share:.2g} % of the time between first and last sample '
