@@ -485,7 +485,7 @@ def _found(result: IdentificationResult) -> list[tuple[str, str]]:
 def train_rows(found: TrainDynamics, unit: str) -> list[tuple[str, str]]:
     """Return the rows of trains of one intensity."""
     onset, model = found.onset_s, found.model
-    trains = f'{found.trains} of {found.pulses} pulses at {found.rate_hz:.4g} Hz'
+    trains = f'{found.trains} with {found.pulses} pulses at {found.rate_hz:.4g} Hz'
     fits = {
         model: found.fit_percent,
         'equal pulses': found.fit_equal_percent,

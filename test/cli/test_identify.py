@@ -162,7 +162,7 @@ def test_trains_of_one_intensity_give_their_dynamics(rpms, tmp_path):
     code, out, _ = rpms('identify', tmp_path / 'train', '--estimator', 'batch')
     assert code == 0
     assert 'onset of force' in out
-    assert '1 of 8 pulses at 50 Hz' in out
+    assert '1 with 8 pulses at 50 Hz' in out
     words = ' '.join(out.split())
     # each number with the model it belongs to: that of the history law has another T_a
     delay = r'delay of the model, equal pulses [89]\.\d+ ms'

@@ -188,11 +188,10 @@ class ImportOptions:
 
     def __post_init__(self) -> None:
         """Refuse values that cannot be."""
-        for name in ('force_scale', 'sampling_rate'):
-            value = getattr(self, name)
-            if value is not None and not (np.isfinite(value) and value != 0.0):
-                raise RecordingError(f'expected a finite {name} that is not 0, got {value}')
-        check_number(RecordingError, 'sampling rate', self.sampling_rate or 0.0, 0, unit='Hz')
+        if (scale := self.force_scale) is not None and not (np.isfinite(scale) and scale != 0.0):
+            raise RecordingError(f'expected a finite force_scale that is not 0, got {scale}')
+        if (rate := self.sampling_rate) is not None:
+            check_number(RecordingError, 'sampling rate', rate, 0, above=True, unit='Hz')
         check_number(RecordingError, 'intensity', self.share, 0, 1)
         check_number(RecordingError, 'threshold', self.threshold or 0.0)
         if self.edge not in (None, RISING, FALLING):
