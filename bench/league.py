@@ -486,8 +486,7 @@ def main():
                     f'{error.max():7.3f} % {np.median(half):7.3f} {held.mean():8.2f} '
                     f'{np.median(spent):7.1f} s  {dict(said)}'
                 )
-                # others give no intensity to a part of the curve, which then has no bound
-                if muscle == 'arctan' and excitation in ('random', 'sinusoid', 'catch'):
+                if muscle == 'arctan':
                     rms = 100.0 * np.sqrt(np.mean(np.square(off)))
                     for which, bound in BOUNDS.items():
                         known = [least(bound, excitation, seed) for seed in range(chosen.seeds)]

@@ -104,6 +104,9 @@ def free_bound(p, time, onset, intensity, deviation, coefficients=24, functions=
         + [force(sizes, one) for one in gammas]
         + [np.ones(len(time))]
     )
+    if not gradient.any(axis=0).all():
+        # a part of the curve at which no pulse was has none
+        return np.full(len(U), np.nan)
     scale = 1.0 / np.linalg.norm(gradient, axis=0)
     # a factor of the recruitment is one of the response: the curve is their product
     covariance = np.linalg.pinv((gradient * scale).T @ (gradient * scale), 1e-12)

@@ -239,7 +239,7 @@ def compile_estimator(build: 'Callable[[], Estimator]', quiet: bool) -> None:
 
     before = signal.getsignal(signal.SIGINT)
     if before is signal.default_int_handler:
-        # what that raises, callbacks of numba drop, and then a function that is not there is kept
+        # callbacks of numba drop what that raises; it would go on, or fail by what is not compiled
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     try:
         warm_up(build, tell, load=False)

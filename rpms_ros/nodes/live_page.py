@@ -216,7 +216,8 @@ class LiveStop:
     def _look(self) -> None:
         with self._lock:
             now = time.monotonic()
-            (self._hold if self._wanted or now < self._held_until else self._leave)(now)
+            held = self._wanted or now < self._held_until
+            (self._hold if held else self._leave)(now)
 
     def _hold(self, now: float) -> None:
         if self._button is None:

@@ -233,7 +233,8 @@ class ImpulseResponse:
     @property
     def peak(self) -> Stated:
         """The largest force; ends that are not known are NaN [N]."""
-        return _read(self, lambda row: float(row[int(np.argmax(self.force))]))
+        place = int(np.argmax(self.force))
+        return _read(self, lambda row: float(row[place]))
 
 
 def _read(found: Curve | ImpulseResponse, value: Callable[[FloatArray], float]) -> Stated:

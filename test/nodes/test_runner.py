@@ -148,11 +148,8 @@ def test_a_signal_while_something_is_compiled_lets_it_be_compiled_first(python):
 
 def test_a_second_signal_does_not_wait_until_something_is_compiled(python):
     twice = 'os.kill(os.getpid(), signal.SIGINT)\n    os.kill(os.getpid(), signal.SIGTERM)'
-    assert ended(python, COMPILING.replace('os.kill(os.getpid(), signal.SIGINT)', twice)) == (
-        0,
-        '',
-        '',
-    )
+    code = COMPILING.replace('os.kill(os.getpid(), signal.SIGINT)', twice)
+    assert ended(python, code) == (0, '', '')
 
 
 SPINNING = """

@@ -240,7 +240,8 @@ def _saturated(force: FloatArray) -> BoolArray:
         return result
     for end in (force.max(), force.min()):
         run_of, _ = scipy.ndimage.label(force == end)
-        result |= (np.bincount(run_of) >= _SATURATED_RUN)[run_of] & (run_of > 0)
+        long = np.bincount(run_of) >= _SATURATED_RUN
+        result |= long[run_of] & (run_of > 0)
     return result
 
 

@@ -212,8 +212,7 @@ class Pipeline:
         edges = np.append(edges[:-1][np.diff(edges) > 0], len(stamps))
         known_ns = stamps[edges[1:-1] - 1] + self._look_ahead_ns
         inner = np.searchsorted(onset_ns, known_ns, side='right')
-        pulse_edges = np.concatenate(([0], inner, [len(onset_ns)]))
-        columns = [*samples, *pulses, edges, pulse_edges]
+        columns = [*samples, *pulses, edges, np.concatenate(([0], inner, [len(onset_ns)]))]
         whole = ProcessedSamples(*columns)
         for monitor in list(self._monitors):
             none: Mapping[str, int] = {}

@@ -310,7 +310,7 @@ def list_unit(
     Ambiguous
         If several units are possible, or none: not all pulses are within the force then.
     """
-    if told := unit_told(signal, pulse_unit, 'pulse-unit', TIME_UNITS):
+    if told := unit_told(signal.unit, pulse_unit, 'pulse-unit', TIME_UNITS):
         return told
     numbers = _are_numbers(signal.values, len(seconds))
     if numbers and _NUMBERS.search(signal.name):

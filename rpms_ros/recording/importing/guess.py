@@ -4,7 +4,6 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -227,8 +226,7 @@ def _time_unit(signal: Signal, given: str | None) -> tuple[str, str]:
                 f'got {given}'
             )
         return 's', 'from times of day'
-    plain = replace(signal, unit=signal.unit.lower())
-    if told := unit_told(plain, given, 'time-unit', TIME_UNITS):
+    if told := unit_told(signal.unit.lower(), given, 'time-unit', TIME_UNITS):
         return told
     # a file may state volts for all that is in it
     if signal.unit not in (*UNSTATED, 'V'):
@@ -265,7 +263,7 @@ def _force_unit(signal: Signal, given: str | None, scale: float | None) -> tuple
     if scale is not None:
         whole = 'Nm' if given in TORQUE_UNITS else 'N'
         return whole, f'{scale:g} {whole} a unit (--force-scale)'
-    if told := unit_told(signal, given, 'force-unit', SENSOR_UNITS):
+    if told := unit_told(signal.unit, given, 'force-unit', SENSOR_UNITS):
         return told
     stated = usual_unit(signal.unit)
     if stated in UNSTATED:

@@ -133,12 +133,12 @@ def usual_unit(unit: str) -> str:
 
 
 def unit_told(
-    signal: Signal, given: str | None, option: str, units: Container[str]
+    unit: str, given: str | None, option: str, units: Container[str]
 ) -> tuple[str, str] | None:
     """Return the unit that is given or stated by the file, and which; None if there is neither."""
     if given is not None:
         return given, f'as stated (--{option})'
-    unit = usual_unit(signal.unit)
+    unit = usual_unit(unit)
     return (unit, 'as the file says') if unit in units else None
 
 
@@ -188,10 +188,11 @@ class ImportOptions:
 
     def __post_init__(self) -> None:
         """Refuse values that cannot be."""
-        if (scale := self.force_scale) is not None and not (np.isfinite(scale) and scale != 0.0):
-            raise RecordingError(f'expected a finite force_scale that is not 0, got {scale}')
-        if (rate := self.sampling_rate) is not None:
-            check_number(RecordingError, 'sampling rate', rate, 0, above=True, unit='Hz')
+        for name in ('force_scale', 'sampling_rate'):
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value) and value != 0.0):
+                raise RecordingError(f'expected a finite {name} that is not 0, got {value}')
+        check_number(RecordingError, 'sampling rate', self.sampling_rate or 0.0, 0, unit='Hz')
         check_number(RecordingError, 'intensity', self.share, 0, 1)
         check_number(RecordingError, 'threshold', self.threshold or 0.0)
         if self.edge not in (None, RISING, FALLING):
