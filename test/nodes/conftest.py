@@ -113,6 +113,7 @@ def python(domain):
         process = subprocess.Popen(
             [sys.executable, *arguments],
             env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
+            stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,

@@ -182,6 +182,18 @@ def test_a_second_driver_of_one_action_stops(clinic, graph):
     assert lab.stopped() == 'expected one driver that serves /run_schedule, got 2'
 
 
+def test_a_second_driver_stops_that_was_to_serve_another_action(clinic, graph):
+    """ROS applies no remapping to an action: the other is served under the same name."""
+    rules = ['-r', '__node:=left_driver', '-r', 'run_schedule:=left_run']
+    left = partial(StimulatorDriver, cli_args=['--ros-args', *rules])
+    driver = graph.add(left, require_operator=False, require_stop_button=False)
+    driver.controller.configure()
+    clinic()
+    interlocks = driver.controller.interlocks
+    problem = 'expected one driver that serves /run_schedule, got 2'
+    graph.wait_for(lambda: problem in (interlocks.problem(time.monotonic_ns()) or ()))
+
+
 def test_the_bound_on_the_intensity_is_lowered_and_never_raised_while_armed(clinic):
     lab = clinic(maximum_intensity=0.8)
     client = lab.other.create_client(SetParameters, 'stimulator_driver/set_parameters')

@@ -226,10 +226,41 @@ def test_the_stop_service_is_heard_while_the_executor_is_blocked(new_ward, wait_
 
 def test_anything_but_one_zero_byte_is_pressed():
     assert says_released(b'\0\1\0\0\0')
-    # three bytes fill up a word, as another middleware sends it
+    # three bytes fill up a word; not every middleware says so
     assert says_released(b'\0\1\0\3\0\0\0\0')
+    assert says_released(b'\0\1\0\0\0\0\0\0')
     wrong = (b'\0\1\0\0\1', b'\0\1\0\0', b'\0\1\0\0\0\0', b'\0\1\0\3\1\0\0\0')
-    assert not any(says_released(data) for data in (*wrong, b'\0\1\0\3\0', b'\0', b''))
+    wrong += (b'\0\1\0\0\1\0\0\0', b'\0\1\0\3\0', b'\0', b'')
+    assert not any(says_released(data) for data in wrong)
+
+
+BUTTON = """
+import sys
+import threading
+import rclpy
+from rpms_ros.nodes.common.operator import ButtonPublisher
+rclpy.init()
+node = rclpy.create_node('hand')
+button = ButtonPublisher(node)
+threading.Thread(target=lambda: button.set(bool(sys.stdin.readline())), daemon=True).start()
+rclpy.spin(node)
+"""
+
+
+def test_a_button_of_another_process_is_heard(new_ward, python):
+    ward = new_ward()
+    hand = python('-c', BUTTON)
+    ward.knows('/hand')
+    ward.run()
+    hand.stdin.write('press\n')
+    hand.stdin.flush()
+    assert ward.stopped().startswith('emergency stop is pressed (/hand)')
+    hand.terminate()
+    # it is known by its name when it has gone
+    ward.graph.wait_for(lambda: not ward.other.get_publishers_info_by_topic('emergency_stop'))
+    answer = ward.resets()
+    assert not answer.success
+    assert answer.message.endswith('got emergency stop is pressed (/hand)')
 
 
 def test_a_message_comes_with_the_publisher_that_the_graph_shows(graph, wait_for):

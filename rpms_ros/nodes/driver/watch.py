@@ -153,6 +153,9 @@ def publishers_of(node: Node, topic: str) -> dict[bytes, str]:
     }
 
 
+_SEND_GOAL = '/_action/send_goal'
+
+
 def others_of_this_name(node: Node) -> str:
     """Return why this driver is not the only one of its name, empty if it is.
 
@@ -162,10 +165,10 @@ def others_of_this_name(node: Node) -> str:
     nodes = node.get_node_names_and_namespaces().count((name, namespace))
     if nodes > 1:
         return f'expected one driver {_joined(namespace, name)}, got {nodes} nodes of this name'
-    action = node.resolve_topic_name(topics.RUN_SCHEDULE)
-    servers = node.count_services(f'{action}/_action/send_goal')
-    if servers > 1:
-        return f'expected one driver that serves {action}, got {servers}'
+    # ROS applies no rule of remapping for the name of an action to its services
+    goals = node.resolve_service_name(f'{topics.RUN_SCHEDULE}{_SEND_GOAL}')
+    if (servers := node.count_services(goals)) > 1:
+        return f'expected one driver that serves {goals.removesuffix(_SEND_GOAL)}, got {servers}'
     return ''
 
 
@@ -178,9 +181,9 @@ WATCH_TIMEOUT_S = 0.1
 
 _LOOK_S = 0.005
 _GRAPH_PERIOD_NS = 100_000_000
-# the state of a button stands behind four bytes of encapsulation; the last of these says how many
-# bytes follow it that fill up a word
-_HEADER, _FILLED = 4, 3
+# the state of a button stands behind four bytes of encapsulation; the last of these may say how
+# many bytes follow it that fill up a word
+_HEADER, _FILLED, _TWO_WORDS = 4, 3, 8
 
 
 class DriverWatch:
@@ -381,6 +384,11 @@ class DriverWatch:
 
 
 def says_released(data: bytes) -> bool:
-    """Return whether a serialized state of a button is one zero byte and nothing else."""
-    filled = data[_HEADER - 1] & _FILLED if len(data) >= _HEADER else 0
-    return data[_HEADER : len(data) - filled] == b'\0'
+    """Return whether a serialized state of a button is one zero byte, alone or in a word.
+
+    Between processes Fast DDS fills up a word without saying so.
+    """
+    if len(data) <= _HEADER:
+        return False
+    whole = _HEADER + 1 + (data[_HEADER - 1] & _FILLED)
+    return len(data) in (whole, _TWO_WORDS) and data[_HEADER] == 0

@@ -34,13 +34,14 @@ class _Button:
     """What one publisher said last.
 
     ``seen_ns`` is None until it has said something that was not kept for those who come late;
-    ``noted`` is the newest message of a press that was noted.
+    ``noted`` is the newest message of a press that was noted; ``name`` is kept when it has gone.
     """
 
     sequence: int
     pressed: bool
     seen_ns: int | None = None
     noted: int = -1
+    name: str = ''
 
 
 class StopButtons:
@@ -110,6 +111,8 @@ class StopButtons:
         """Take over which publishers there are, with a name for each to show."""
         with self._lock:
             self._names = dict(names)
+            for identity in names.keys() & self._buttons.keys():
+                self._buttons[identity].name = names[identity]
             self._count_unheard()
 
     def states(self, now_ns: int) -> list[tuple[str, ButtonState]]:
@@ -205,7 +208,8 @@ class StopButtons:
         return ButtonState.RELEASED, ''
 
     def _name(self, identity: bytes) -> str:
-        return self._names.get(identity, identity.hex())
+        button = self._buttons.get(identity)
+        return self._names.get(identity) or (button.name if button else '') or identity.hex()
 
 
 class HeldKey:
