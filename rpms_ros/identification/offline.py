@@ -8,7 +8,10 @@ Error of the a-priori predictions of a session, in newtons and as a share of the
 """
 
 import math
+import signal
+import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -205,17 +208,49 @@ def identify(
     trace = _Trace()
     stream = IdentificationStream(estimator, settings, [*sinks, trace])
     estimates: list[Estimate] = []
-    for taken in feed(stream, pulses, forces, samples_before_pulse):
-        estimates += stream.advance()
-        if progress is not None:
-            progress(taken)
-    estimates += stream.finish()
+    with interrupts_held() as heed:
+        for taken in feed(stream, pulses, forces, samples_before_pulse):
+            estimates += stream.advance()
+            heed()
+            if progress is not None:
+                progress(taken)
+        estimates += stream.finish()
     if not trace.cells:
         raise IdentificationError(_why_nothing(forces.force, settings.largest_force))
     muscle = estimator.fitted() if isinstance(estimator, ProjectionEstimator) else None
     muscle = muscle if estimates[-1].curve_known else None
     columns = {name: trace.column(name) for name in ('stamp_ns', 'force', 'prediction', 'usable')}
     return IdentifiedSession(estimates, muscle=muscle, **columns)
+
+
+@contextmanager
+def interrupts_held() -> Iterator[Callable[[], None]]:
+    """Hold back an interrupt until the function that is yielded is called, or the end.
+
+    Raised while numba loads a function, it crashes the process or is lost.  A second one is raised
+    at once.
+    """
+    came: list[int] = []
+
+    def hold(number: int, _: object) -> None:
+        heed()
+        came.append(number)
+
+    def heed() -> None:
+        if came:
+            raise KeyboardInterrupt
+
+    before = signal.getsignal(signal.SIGINT)
+    raises = before is signal.default_int_handler
+    if threading.current_thread() is not threading.main_thread() or not raises:
+        yield heed
+        return
+    signal.signal(signal.SIGINT, hold)
+    try:
+        yield heed
+    finally:
+        signal.signal(signal.SIGINT, before)
+    heed()
 
 
 def _why_nothing(force: FloatArray, largest: float) -> str:

@@ -162,7 +162,8 @@ def build_estimator(settings: IdentifierParameters) -> Estimator:
         TemporalSummation.of_file(Path(path).expanduser()) if path else None,
     )
     if settings.start_from:
-        warm_start(estimator, Path(settings.start_from).expanduser())
+        earlier = Path(settings.start_from).expanduser()
+        warm_start(estimator, earlier, UNITS[settings.quantity])
     return estimator
 
 

@@ -95,13 +95,13 @@ class IdentificationOptions:
     history: TemporalSummation | None = None
     start_from: Path | None = None
 
-    def build(self) -> Estimator:
-        """Return a new estimator."""
+    def build(self, unit: str = 'N') -> Estimator:
+        """Return a new estimator for forces in a unit."""
         estimator = estimator_by_name(
             self.estimator, self.preset, self.seed, self.rate_hz, self.history
         )
         if self.start_from is not None:
-            warm_start(estimator, self.start_from)
+            warm_start(estimator, self.start_from, unit)
         return estimator
 
 
@@ -138,12 +138,13 @@ def identified(
     if most_estimates is not None and not count:
         fault = f'expected most_estimates as a whole number from 1 on, got {most_estimates!r}'
         raise IdentificationError(fault)
-    session = replayed(recording, options.build(), progress, most_estimates)
+    session = replayed(recording, options.build(recording.unit), progress, most_estimates)
     # a preset of the paper is chosen for its model
     chosen = options.estimator == 'batch' and options.preset not in PAPER_PRESETS
     if chosen and NO_CONSTANT_MUSCLE in session.last.doubts:
         most = None if most_estimates is None else max(most_estimates, _COURSE)
-        other = replayed(recording, replace(options, estimator=FOLLOWER).build(), None, most)
+        following = replace(options, estimator=FOLLOWER).build(recording.unit)
+        other = replayed(recording, following, None, most)
         if _missed(other) < _missed(session):
             estimates = [replace(o, reasons=(*o.reasons, FOLLOWED)) for o in other.estimates]
             session = replace(other, estimates=estimates)

@@ -4,6 +4,7 @@
 
 import math
 import os
+import signal
 import subprocess
 import sys
 from unittest.mock import Mock
@@ -81,6 +82,26 @@ def test_the_batch_from_python_fits_once_for_the_whole_recording(record, monkeyp
     # not ten a second, which would take as long as the recording is squared
     assert [call.args[0] for call in counted.call_args_list] == [int(forces.stamp_ns[-1])]
     assert len(session.estimates) == 1
+
+
+def test_an_interrupt_waits_for_the_end_of_a_block_and_a_second_one_does_not(record, monkeypatch):
+    """Raised while numba loads a function it would crash the process."""
+    pulses, forces = record(np.random.default_rng(7).uniform(size=240))
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    for often, taken in ((1, 1), (2, 0)):
+        estimator, done = BatchEstimator(), []
+
+        def interrupted(*given, often=often, done=done, update=estimator.update):
+            for _ in range(often):
+                os.kill(os.getpid(), signal.SIGINT)
+            done.append(1)
+            return update(*given)
+
+        monkeypatch.setattr(estimator, 'update', interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            identify(estimator, pulses, forces)
+        assert len(done) == taken
+    assert signal.signal(signal.SIGINT, before) is signal.default_int_handler
 
 
 @pytest.mark.long

@@ -106,6 +106,11 @@ def test_what_says_nothing_of_a_muscle_or_comes_too_late_is_refused(tmp_path, la
         path.write_text(json.dumps({**document, 'muscle': muscle}))
         with pytest.raises(IdentificationError, match=message):
             fitted_muscle_of(path)
+    path.write_text('{"recruitment": null}')
+    with pytest.raises(IdentificationError, match="got none of its 'muscle'"):
+        fitted_muscle_of(path)
+    with pytest.raises(IdentificationError, match='expected a result in N m, got one in N in'):
+        warm_start(estimator_by_name('tracking'), last_time, 'N m')
     with pytest.raises(IdentificationError, match='No such file'):
         fitted_muscle_of(tmp_path / 'none')
     with pytest.raises(IdentificationError, match=r'such as tracking, got recursive'):

@@ -298,6 +298,7 @@ def test_a_history_law_and_an_earlier_session_are_parameters(tmp_path):
             {'estimator': 'recursive', 'start_from': str(earlier)},
             'such as tracking, got recursive',
         ),
+        ({'quantity': 'torque', 'start_from': str(earlier)}, 'a result in N m, got one in N in'),
     ):
         with pytest.raises(NodeError, match=message):
             IdentifierParameters(**{'estimator': 'tracking', **wrong})

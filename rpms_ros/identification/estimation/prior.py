@@ -457,42 +457,49 @@ class WarmStarting(Estimator, Protocol):
         """
 
 
-def warm_start(estimator: Estimator, path: Path | str) -> None:
+def warm_start(estimator: Estimator, path: Path | str, unit: str = 'N') -> None:
     """Start a fresh estimator from the JSON of ``rpms identify``.
 
     Raises
     ------
     IdentificationError
-        If the file holds no recruitment curve, or the estimator cannot start from one.
+        If the file holds no recruitment curve, or one in another unit than that of the force, or
+        the estimator cannot start from one.
     """
     if not isinstance(estimator, WarmStarting):
         raise IdentificationError(
             'expected an estimator that can start from an earlier session, such as tracking, got '
             f'{estimator.name}'
         )
-    estimator.start_from(fitted_muscle_of(path))
+    estimator.start_from(fitted_muscle_of(path, unit))
 
 
-def fitted_muscle_of(path: Path | str) -> FittedMuscle:
+def fitted_muscle_of(path: Path | str, unit: str = 'N') -> FittedMuscle:
     """Return the knowledge in the JSON of ``rpms identify``.
 
     Raises
     ------
     IdentificationError
-        If it holds no recruitment curve, or not all that `batch` and `tracking` know of one.
+        If it holds no recruitment curve, or not all that `batch` and `tracking` know of one, or
+        its forces have another unit.
     """
     try:
         path = Path(path)
         if path.stat().st_size > _LARGEST_RESULT:
             raise ValueError(f'{path.stat().st_size} bytes')
-        muscle = json.loads(path.read_text())['muscle']
+        document = json.loads(path.read_text())
+        muscle, its = document['muscle'], document['unit']
         values: dict[str, Any] = {
             field.name: np.array(muscle[field.name], dtype=np.float64)[()]
             for field in fields(FittedMuscle)
         }
-        return FittedMuscle(**values)
+        known = FittedMuscle(**values)
     except (LookupError, TypeError, ValueError, OSError, RecursionError) as error:
+        got = f'none of its {error}' if isinstance(error, KeyError) else repr(error)
         raise IdentificationError(
             f'expected the JSON of rpms identify, of a session with a recruitment curve '
-            f'identified by batch or tracking, in {path}, got {error!r}'
+            f'identified by batch or tracking, in {path}, got {got}'
         ) from error
+    if its != unit:
+        raise IdentificationError(f'expected a result in {unit}, got one in {its} in {path}')
+    return known
