@@ -135,7 +135,8 @@ class PlantSimulator(NodeOfParts):
     def _tick(self) -> None:
         now_ns = int(self.get_clock().now().nanoseconds)
         wanted = self.settings.minimum_subscribers
-        if not self._begun and self._force.get_subscription_count() >= wanted:
+        # 0: simulated time that nobody has told yet
+        if not self._begun and now_ns and self._force.get_subscription_count() >= wanted:
             self.plant.begin(now_ns)
             self._begun = True
         if self._begun:

@@ -59,8 +59,16 @@ def recorder_health(path: Path, counts: Mapping[str, int], lost: Mapping[str, in
         Messages so far, by topic.
     lost : mapping of str to int
         Messages that were lost, by topic.
+
+    Raises
+    ------
+    NodeError
+        If the folder has gone.
     """
-    free = shutil.disk_usage(path).free
+    try:
+        free = shutil.disk_usage(path).free
+    except OSError as error:
+        raise NodeError(f'expected the folder of the recording, got {error}') from error
     free_mb, total = f'{free / 1e6:.0f}', sum(counts.values())
     level, said = DiagnosticStatus.OK, 'recording' if total else 'recording; no message yet'
     faults = [f'{count} messages of {name} lost' for name, count in lost.items()]

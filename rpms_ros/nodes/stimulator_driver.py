@@ -186,8 +186,9 @@ class StimulatorDriver(LifecycleNode):
         return TransitionCallbackReturn.SUCCESS
 
     def stop_at_once(self, reason: str) -> None:
-        """Disarm because the process is about to end; any thread may call it, at any time."""
-        self.controller.disarm(reason)
+        """Stop because the process is about to end; any thread may call it, at any time."""
+        # latched: nothing begins while the node tells how it ended
+        self.controller.stop('signal', reason)
         self._audit.note('signal', reason=reason)
 
     def destroy_node(self) -> None:
@@ -295,6 +296,8 @@ class StimulatorDriver(LifecycleNode):
         self, request: RequestArming.Request, response: RequestArming.Response
     ) -> RequestArming.Response:
         def give_token() -> str:
+            if not self._possible():
+                raise StimulationError(_refusal((), 'a request to arm'))
             response.token = self.authority.request(request.operator_id, time.monotonic_ns())
             response.valid_for = float(self.authority.valid_s)
             return 'hold the enable, send heartbeats with the token, then confirm'

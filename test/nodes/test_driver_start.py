@@ -9,7 +9,9 @@ import pytest
 from lifecycle_msgs.msg import Transition
 
 from rpms_msgs.msg import DriverStatus, Pulse
+from rpms_msgs.srv import RequestArming
 from rpms_ros.errors import NodeError, RpmsError, StimulationError
+from rpms_ros.nodes.common import topics
 from rpms_ros.nodes.driver.parameters import (
     DriverParameters,
     build_device,
@@ -121,6 +123,12 @@ def test_an_impossible_transition_does_not_end_the_node_and_none_is_possible_aft
     lab.wait_for_reason(said)
     with pytest.raises(NodeError, match=said):
         lab.driver.change('configure')
+    request = lab.other.create_client(RequestArming, topics.REQUEST_ARMING)
+    lab.graph.wait_for(request.service_is_ready)
+    answer = lab.call(request, RequestArming.Request(operator_id='ada'))
+    assert not answer.success
+    assert not answer.token
+    assert answer.message.startswith('expected a node that is not shut down, got a request to arm')
 
 
 def test_device_that_is_not_there_is_refused(driver_bench, graph, real):

@@ -5,6 +5,7 @@
 import signal
 import time
 from functools import partial
+from itertools import count
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -112,6 +113,19 @@ def test_force_that_is_frozen_foreign_or_of_yesterday_is_no_sign_of_life(driver_
     sensor[0] = dead
     assert 'force: expected a sign of life within 3 s' in bench.stopped()
     assert bench.controller.fault_counts()['force_refused'] > 0
+
+
+def test_a_sensor_whose_clock_is_off_is_told_of_once(driver_bench, tmp_path):
+    """Each sample is of another age: the log must not grow with every one."""
+    bench = driver_bench(force_limit=100.0, audit_log=str(tmp_path / 'audit.jsonl'))
+    ages = count(10)
+    sensed(bench, lambda: wrench(10.0, stamp_ns=time.time_ns() - next(ages) * 10**9))
+    bench.graph.wait_for(lambda: bench.controller.fault_counts().get('force_refused', 0) > 20)
+    assert 'expected a force sample within 5 s' in bench.driver._reports.refusal
+    bench.graph.remove(bench.driver)
+    records = verify_log(tmp_path / 'audit.jsonl').records
+    told = [one.content['reason'] for one in records if one.content['kind'] == 'refusal']
+    assert len(told) == 1
 
 
 def test_a_sample_over_the_limit_stops_also_if_it_is_no_sign_of_life(driver_bench):
@@ -253,6 +267,7 @@ def test_error_in_a_transition_ends_in_the_safe_state(driver_bench, graph):
 )
 def test_a_signal_disarms_and_ends_the_driver(graph, python, tmp_path, schedule_file, number):
     pulses = graph.heard(Pulse, topics.PULSES, qos.PULSES)
+    statuses = graph.heard(DriverStatus, topics.DRIVER_STATUS, qos.STATUS)
     audit, train = tmp_path / 'audit.jsonl', schedule_file(constant(0.5, 90.0, 50.0))
     given = (*ARGUMENTS, f'audit_log:={audit}', f'schedule_file:={train}')
     process = python('-c', START, '--ros-args', *(word for one in given for word in ('-p', one)))
@@ -264,7 +279,9 @@ def test_a_signal_disarms_and_ends_the_driver(graph, python, tmp_path, schedule_
     assert stops[-1]['kind'] == 'end'
     reasons = [content['reason'] for content in stops if content['kind'] == 'signal']
     assert reasons == [f'signal {name_of(number)}']
-    assert 'disarm' in [content['kind'] for content in stops]
+    assert reasons == [content['reason'] for content in stops if content['kind'] == 'stop']
+    assert statuses[-1].state == DriverStatus.STOPPED
+    assert statuses[-1].reason == reasons[0]
 
 
 def test_every_signal_that_ends_a_process_and_can_be_caught_is():

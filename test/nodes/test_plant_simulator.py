@@ -3,10 +3,13 @@
 """The plant simulator on real rclpy: exact stamps, exact force, late and malformed pulses."""
 
 import math
+from itertools import count
 
 import numpy as np
 import pytest
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import WrenchStamped
+from rosgraph_msgs.msg import Clock
 
 from rpms_msgs.msg import MuscleTruth, Pulse as PulseMessage
 from rpms_ros import estimate_messages, messages
@@ -112,6 +115,21 @@ def test_a_simulated_sensor_has_the_noise_of_an_ordinary_one_at_rest_too(graph):
     laboratory.wait_for_samples(300)
     # 0.5 % of 10 N, five standard errors
     assert np.std(laboratory.forces) == pytest.approx(0.05, rel=0.2)
+
+
+def test_it_begins_with_the_clock_of_a_simulation(graph):
+    laboratory = Laboratory(graph, use_sim_time=True)
+    clock = graph.publisher(Clock, '/clock')
+    now_ns = count(1000 * 10**9, 10**7)
+
+    def go_on():
+        seconds, rest = divmod(next(now_ns), 10**9)
+        clock.publish(Clock(clock=Time(sec=seconds, nanosec=rest)))
+
+    ticks = graph.node('ticks').create_timer(0.01, go_on)
+    laboratory.wait_for_samples(100)
+    assert laboratory.stamps[0] >= 1000 * 10**9
+    ticks.cancel()
 
 
 def test_parameters_replace_the_disturbances_of_a_scenario():

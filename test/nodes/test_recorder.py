@@ -15,7 +15,7 @@ from rosbags.rosbag2 import Reader
 
 from rpms_msgs.msg import DriverStatus, Pulse as PulseMessage
 from rpms_ros import messages
-from rpms_ros.errors import RecordingError
+from rpms_ros.errors import NodeError, RecordingError
 from rpms_ros.nodes import recorder as module
 from rpms_ros.nodes.common import qos
 from rpms_ros.nodes.common.topics import MESSAGE_TYPES
@@ -177,7 +177,7 @@ def test_a_recorder_hears_a_best_effort_sensor_without_being_told(graph, tmp_pat
 def test_a_recorder_says_what_it_lacks(tmp_path, monkeypatch):
     def room(free):
         usage = SimpleNamespace(free=free)
-        monkeypatch.setattr(module.shutil, 'disk_usage', lambda _: usage)
+        monkeypatch.setattr(module.shutil, 'disk_usage', lambda path: path.stat() and usage)
 
     room(5_000_000_000)
     assert recorder_health(tmp_path, {'force': 0}, {}).message == 'recording; no message yet'
@@ -186,6 +186,8 @@ def test_a_recorder_says_what_it_lacks(tmp_path, monkeypatch):
     assert fine.figures['messages of force'] == 3
     lossy = recorder_health(tmp_path, {'force': 3}, {'force': 7})
     assert (lossy.level, lossy.message) == (DiagnosticStatus.WARN, '7 messages of force lost')
+    with pytest.raises(NodeError, match=r'expected the folder of the recording, got .*No such'):
+        recorder_health(tmp_path / 'gone', {}, {})
     room(20_000_000)
     full = recorder_health(tmp_path, {'force': 3}, {})
     assert (full.level, full.message) == (DiagnosticStatus.WARN, '20 MB are left on the disk')

@@ -8,6 +8,7 @@ import signal
 import socket
 import sys
 import threading
+import time
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
@@ -265,6 +266,9 @@ def _explained(settings: type[NodeParameters]) -> Iterator[tuple[str, str]]:
         yield name, f'{description.doc} ({"; ".join(fact for fact in facts if fact)})'
 
 
+_LAST_WORDS_S = 0.2
+
+
 def _spin(node: Node, stop: StopRequest) -> None:
     executor, parent = EventsExecutor(), os.environ.get(PARENT_VARIABLE)
     executor.add_node(node)
@@ -275,6 +279,10 @@ def _spin(node: Node, stop: StopRequest) -> None:
             if parent is not None and os.getppid() != int(parent):
                 break
             executor.spin_once(timeout_sec=0.1)
+        ended = time.monotonic()
+        # what was stopped at once tells how it ended: status, results of goals
+        while hasattr(node, 'stop_at_once') and time.monotonic() < ended + _LAST_WORDS_S:
+            executor.spin_once(timeout_sec=0.01)
     except Exception as error:
         # shutting an executor down during an exception has crashed processes
         getattr(node, 'stop_at_once', str)(f'expected to spin on, got {error!r}')

@@ -261,6 +261,8 @@ class DriverReports:
         # pulses so far, and when the newest was
         self._dropped, self._dropped_ns = 0, -_SHOWN_NS
         self.refusal, self._refused_ns = '', 0
+        # when what was expected was refused last, of the last second
+        self._repeated: dict[str, int] = {}
         self._next_diagnostics_ns = 0
         self._said: tuple[Any, ...] = ()
 
@@ -269,11 +271,15 @@ class DriverReports:
         logger_of(self._node).info(plain_text(line))
 
     def refuse(self, reason: str) -> None:
-        """Tell why something was refused; what is repeated at once is shown and not logged."""
+        """Tell why something was refused; what is repeated at once is shown and not logged.
+
+        Of what was expected: what came, such as the age of a sample, may differ each time.
+        """
         said, now_ns = plain_text(reason), time.monotonic_ns()
-        repeated = self.refusal == said and now_ns - self._refused_ns < _REPEATED_NS
-        self.refusal, self._refused_ns = said, now_ns
-        if not repeated:
+        expected = said.partition(', got ')[0]
+        last = {one: ns for one, ns in self._repeated.items() if now_ns - ns < _REPEATED_NS}
+        self.refusal, self._refused_ns, self._repeated = said, now_ns, {**last, expected: now_ns}
+        if expected not in last:
             logger_of(self._node).warning(f'refused: {said}')
             self._audit.note('refusal', reason=said)
 
