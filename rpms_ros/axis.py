@@ -37,7 +37,7 @@ def unit_vector(axis: str | Sequence[float]) -> Axis:
     parts = axis.split(',') if isinstance(axis, str) else axis
     try:
         vector = tuple(float(part) for part in parts)
-    except ValueError:
+    except (TypeError, ValueError):
         vector = ()
     length = math.hypot(*vector) if len(vector) == 3 else 0.0
     if not (math.isfinite(length) and length > 0.0):

@@ -182,7 +182,8 @@ def from_arrays(
     Raises
     ------
     RecordingError
-        If lengths do not fit, times do not rise or are not finite, or an intensity is no share.
+        If lengths do not fit, times do not rise or are not finite, most pulses lie outside the
+        force, or an intensity is no share.
 
     Examples
     --------
@@ -204,6 +205,12 @@ def from_arrays(
     if newtons.shape != seconds.shape:
         fault = f'expected a force for each of {len(seconds)} times, got {newtons.shape}'
         raise RecordingError(fault)
+    first, last = seconds[0], seconds[-1]
+    if np.mean((onsets < first) | (onsets > last)) > 0.5:
+        raise RecordingError(
+            f'expected pulse_times within those of the force, {first:g} to {last:g} s, got '
+            f'{onsets[0]:g} to {onsets[-1]:g} s'
+        )
     shares = _numbers(intensity)
     if shares.shape not in ((), onsets.shape):
         raise RecordingError(

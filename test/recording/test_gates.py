@@ -12,7 +12,8 @@ from rpms_ros.identification import CURVE_INTENSITY, estimator_by_name, identify
 from rpms_ros.muscle import Contraction, Subject
 from rpms_ros.pulses import ForceTrace, PulseTrain
 from rpms_ros.recording.importing import Ambiguous, ImportOptions, import_file
-from rpms_ros.recording.importing.gates import gate_pulses
+from rpms_ros.recording.importing.gates import gate_pulses, list_unit
+from rpms_ros.recording.importing.signals import Signal
 from rpms_ros.recording.importing.whole_file import begins_amid
 
 COUNT = 4000
@@ -260,6 +261,14 @@ def test_the_unit_can_be_decided(tmp_path):
         of_matlab(tmp_path / 'a.mat', content)
     found = of_matlab(tmp_path / 'a.mat', content, pulse_unit='samples')
     np.testing.assert_array_equal(found.pulses.onset_ns, found.forces.stamp_ns[PLACES])
+
+
+def test_a_list_in_an_unknown_unit_is_refused():
+    hours = Signal('stim [h]', ONSETS / 3600, unit='h')
+    with pytest.raises(Ambiguous, match=r"in s, .*, got 'stim \[h\]' in h: --pulse-unit decides"):
+        list_unit(hours, TIME, None, None)
+    assert list_unit(hours, TIME, 's', None)[0] == 's'
+    assert list_unit(Signal('stim [MS]', 1e3 * ONSETS, unit='MS'), TIME, None, None)[0] == 'ms'
 
 
 @pytest.mark.long

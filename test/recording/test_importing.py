@@ -175,6 +175,14 @@ def spike2_matlab(**change):
     return {'leg_Ch1': force, 'leg_Ch3': event, 'file': {'name': 'leg.smrx'}}
 
 
+@pytest.mark.parametrize('other', [{'emg': {'fs': 2000.0}}, {'Stim': {'rate': 20.0}}])
+def test_of_several_rates_in_a_matlab_file_none_is_guessed(tmp_path, other):
+    path = tmp_path / 'a.mat'
+    savemat(path, {**other, 'fs': 1000.0, 'force': FORCE, 'gate': GATE})
+    expected = None if 'emg' in other else 1000.0
+    assert read_signals(path).sampling_rate_hz == expected
+
+
 def test_spike2_matlab(tmp_path):
     path = tmp_path / 'leg.mat'
     savemat(path, spike2_matlab())
@@ -235,6 +243,15 @@ ChannelTitle=\tForce\tStim
 Range=\t10.000 V\t10.000 V
 UnitName=\tN\tV
 """
+
+
+def test_a_row_of_labchart_that_was_cut_lacks_what_is_missing(tmp_path):
+    lines = ['Interval=\t0.001 s', 'ChannelTitle=\tForce\tGate', 'UnitName=\tN\tV']
+    lines += [f'{at / 1000}\t1.0\t{5 if at % 50 == 10 else 0}' for at in range(1000)]
+    path = tmp_path / 'a.txt'
+    path.write_text('\n'.join([*lines, '1.0']))
+    assert [len(one.values) for one in read_signals(path).signals] == [1001, 1001]
+    assert np.isnan(read_signals(path).signals[0].values[-1])
 
 
 def test_labchart_text(tmp_path):
@@ -402,6 +419,126 @@ def test_marks_between_thousands_are_named(tmp_path, separator, row, cell):
         f'expected numbers without marks between thousands in {path}, got {cell!r}; '
         'export it without them'
     )
+
+
+def test_a_quote_within_a_quoted_title_is_one(tmp_path):
+    path = tmp_path / 'a.csv'
+    path.write_text('\n'.join(['Time [s],"Force ""left"" [N]",""', *rows(',')]))
+    assert [one.name for one in read_signals(path).signals[1:]] == ['Force "left" [N]', 'column 3']
+
+
+def written(path, titles, cells=lambda row: row, count=1000):
+    """Write a table of a force of 1 to 7 whose rows `cells` may change; return what is read."""
+    rows = [[f'{t / 1000:.3f}', str(1 + t % 7), str(5 * (t % 50 == 10))] for t in range(count)]
+    path.write_text('\n'.join([*titles, *(','.join(cells(row)) for row in rows)]))
+    return import_file(path, ImportOptions())
+
+
+@pytest.mark.parametrize('text', ['OVLD', '#WERT!'])
+def test_a_text_in_the_first_rows_of_numbers_is_named(tmp_path, text):
+    """Else the last of these rows were the titles, and their units were lost."""
+
+    def clipped(row):
+        return [row[0], text, row[2]] if float(row[0]) < 0.005 else row
+
+    with pytest.raises(RecordingError, match=rf'got {text!r} in the row that begins with 0\.000'):
+        written(tmp_path / 'a.csv', ['Time [s],Force [kg],Gate'], clipped)
+
+
+def test_what_a_worksheet_has_for_no_value_is_missing(tmp_path):
+    found = written(
+        tmp_path / 'a.csv',
+        ['Time [s],Force [kg],Gate'],
+        lambda row: [row[0], '#N/A', row[2]] if float(row[0]) < 0.005 else row,
+    )
+    assert found.forces.force[5] == pytest.approx(9.80665 * 6)
+    assert np.isnan(found.forces.force[:5]).all()
+
+
+@pytest.mark.parametrize(
+    'name', ['Force [kg] left', 'Force (kg) 1', 'Force [kg]*', 'Force[kg]raw', 'Force [kg] (left)']
+)
+def test_a_unit_need_not_end_a_title(tmp_path, name):
+    found = written(tmp_path / 'a.csv', [f'Time [s],{name},Gate'])
+    assert found.forces.force[0] == pytest.approx(9.80665)
+
+
+def test_a_unit_that_is_not_known_or_not_one_is_asked_for(tmp_path):
+    for name in ('Force [oz] left', 'Force [N] [kg]'):
+        with pytest.raises(Ambiguous, match=r'expected a force in N, .* --force-unit decides'):
+            written(tmp_path / 'a.csv', [f'Time [s],{name},Gate'])
+
+
+@pytest.mark.parametrize(
+    ('titles', 'newtons'),
+    [
+        (['Time,Force,Gate', 's,kg,logic'], 9.80665),
+        (['Time,Force,Gate', 's,kilogram,V'], 9.80665),
+        (['Time,Force,Gate', 's,Newton,Volt'], 1.0),
+        (['s,kg,logic'], 9.80665),
+    ],
+)
+def test_a_row_of_units_may_hold_one_that_is_not_known(tmp_path, titles, newtons):
+    found = written(tmp_path / 'a.csv', titles)
+    assert found.forces.force[0] == pytest.approx(newtons)
+
+
+def test_whole_numbers_with_marks_between_thousands_are_refused(tmp_path):
+    def cells(row):
+        return [row[0], f'{300 * int(row[1]):,}'.replace(',', '.'), row[2]]
+
+    with pytest.raises(RecordingError, match=r"marks between thousands in .*, got '1\.200'"):
+        written(tmp_path / 'a.csv', ['Time [s],Force [mN],Gate'], cells)
+    # with decimals of another length they are none
+    found = written(
+        tmp_path / 'a.csv',
+        ['Time [s],Force [N],Gate'],
+        lambda row: [row[0], f'{10 + int(row[1]) * 0.125:g}', row[2]],
+    )
+    assert found.forces.force[0] == 10.125
+
+
+def test_an_underscore_is_no_part_of_a_number(tmp_path):
+    with pytest.raises(RecordingError, match=r"expected numbers in .*, got '1_0'"):
+        written(tmp_path / 'a.csv', ['Time [s],Force [N],Gate'], lambda r: [r[0], '1_0', r[2]])
+
+
+@pytest.mark.parametrize(('begin', 'added'), [(-1.5, 2), (3.8e9, -3_800_000_000)])
+def test_times_that_no_stamp_can_hold_are_moved_by_whole_seconds(tmp_path, begin, added):
+    found = written(
+        tmp_path / 'a.csv',
+        ['Time [s],Force [N],Gate'],
+        lambda row: [f'{float(row[0]) + begin:.3f}', *row[1:]],
+    )
+    first_s = 1e-9 * found.forces.stamp_ns[0]
+    assert first_s == pytest.approx(begin + added, abs=1e-6)
+    assert 1e-9 * found.pulses.onset_ns[0] == pytest.approx(first_s + 0.01, abs=1e-6)
+    assert f'{added} s are added to each, as' in dict(found.facts)['times']
+
+
+@pytest.mark.parametrize('rows', [2, 3])
+def test_intensities_that_stand_in_one_row_of_a_pulse_are_refused(tmp_path, rows):
+    """Half of each, or none at all, were taken for the intensity."""
+    lines = ['Time [s],Force [N],Gate,Intensity']
+    for at in range(1000):
+        share = 0.2 + 0.7 * (at // 50) / 20 if at % 50 == 10 else 0.0
+        lines.append(f'{at / 1000},1.0,{5 if 0 <= at % 50 - 10 < rows else 0},{share}')
+    path = tmp_path / 'a.csv'
+    path.write_text('\n'.join(lines))
+    with pytest.raises(RecordingError, match=r"while a pulse lasts in 'Intensity', got several"):
+        import_file(path, ImportOptions(intensity='Intensity'))
+
+
+def test_a_file_of_intensities_says_which_column_they_are(tmp_path):
+    shares, path = tmp_path / 'shares.csv', tmp_path / 'a.csv'
+    head, options = ['Time [s],Force [N],Gate'], {'intensity': str(shares)}
+    written(path, head)
+    for titles, one in (('Intensity', '0,51'), ('time_s,share', '0.1,0.5')):
+        shares.write_text('\n'.join([titles, *[one] * 20]))
+        with pytest.raises(RecordingError, match=r'one column of intensities in .*, got 2'):
+            import_file(path, ImportOptions(**options))
+    shares.write_text('\n'.join(['time_s,intensity', *['0.1,0.5'] * 20]))
+    assert set(import_file(path, ImportOptions(**options)).pulses.intensity) == {0.5}
 
 
 def test_a_row_of_units_below_the_titles_counts(tmp_path):

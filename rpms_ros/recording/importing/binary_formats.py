@@ -7,6 +7,7 @@ table, its numbers below a header; of XDF the streams of the Lab Streaming Layer
 """
 
 import pickle
+import re
 import signal
 import subprocess
 import sys
@@ -23,7 +24,10 @@ from rpms_ros.pulses import FloatArray
 from rpms_ros.recording.importing.signals import Events, Signal, SignalFile, needed, unit_of
 from rpms_ros.recording.importing.text import first_row, signals_of
 
-_RATES = ('fs', 'samplerate', 'samplingrate', 'sampling_rate', 'sample_rate', 'rate', 'srate')
+# the rate of a stimulator is that of its pulses
+_RATES = re.compile(
+    r'(?i)(.*\.)?(fs|sampl(e|ing)_?rate|srate)|(?!.*(stim|puls|trig|train))(.*\.)?rate'
+)
 _MOST_COLUMNS = 64
 _WAVEFORM = {'interval', 'start', 'values'}
 _EVENTS = {'title', 'length', 'times'}
@@ -84,8 +88,9 @@ def read_matlab(path: Path) -> SignalFile:
     vectors = [vector for name, array in items for vector in _vectors(name, array)]
     signals = tuple(Signal(name, values, unit_of(name)) for name, values in vectors)
     single = (item for item in items if item[1].size == 1)
-    rates = [one for name, one in single if name.rpartition('.')[2].lower() in _RATES]
-    rate = float(rates[0].ravel()[0]) if rates else 0.0
+    rates = {float(one.ravel()[0]) for name, one in single if _RATES.fullmatch(name)}
+    # of several none is that of the force for certain
+    rate = rates.pop() if len(rates) == 1 else 0.0
     return SignalFile(path, 'MATLAB', signals, sampling_rate_hz=rate if rate > 0.0 else None)
 
 

@@ -22,9 +22,11 @@ from rpms_ros.pulses import (
 )
 from rpms_ros.recording.importing.signals import (
     FALLING,
+    LIST_UNITS,
     RISING,
     SAMPLES,
     TIME_UNITS,
+    UNSTATED,
     Ambiguous,
     ImportOptions,
     Signal,
@@ -199,7 +201,7 @@ def _lower_pulses(values: FloatArray, edge: str) -> int:
 
 def heights_told(signal: Signal, stamp_ns: IntArray, pulses: PulseTrain) -> str | None:
     """Return a warning if the pulses of a gate have different heights."""
-    height = values_at(signal.values, stamp_ns, pulses)
+    height, _ = values_at(signal.values, stamp_ns, pulses)
     span = float(np.ptp(signal.values))
     if not np.ptp(np.percentile(height, [5.0, 95.0])) > _ALIKE * span:
         return None
@@ -209,15 +211,22 @@ def heights_told(signal: Signal, stamp_ns: IntArray, pulses: PulseTrain) -> str 
     )
 
 
-def values_at(values: FloatArray, stamp_ns: IntArray, pulses: PulseTrain) -> FloatArray:
-    """Return the median of a sampled signal while each pulse lasts (pulses,)."""
+def values_at(
+    values: FloatArray, stamp_ns: IntArray, pulses: PulseTrain
+) -> tuple[FloatArray, FloatArray]:
+    """Return the median of a signal while each pulse lasts, and which share of it is another.
+
+    Both (pulses,); another than the median is what is off by more than a fifth of all that the
+    signal spans.
+    """
     end_ns = pulses.onset_ns + stamps(pulses.width)
     # events may come between samples
     begins = np.maximum(np.searchsorted(stamp_ns, pulses.onset_ns, side='right') - 1, 0)
     ends = np.maximum(np.searchsorted(stamp_ns, end_ns), begins + 1)
-    return np.array(
-        [np.median(values[begin:end]) for begin, end in zip(begins, ends, strict=True)]
-    )
+    within = [values[begin:end] for begin, end in zip(begins, ends, strict=True)]
+    median, off = np.array([np.median(one) for one in within]), _ALIKE * np.ptp(values)
+    other = [np.mean(np.abs(one - at) > off) for one, at in zip(within, median, strict=True)]
+    return median, np.array(other)
 
 
 def _half_way(values: FloatArray) -> float:
@@ -310,13 +319,19 @@ def list_unit(
     Ambiguous
         If several units are possible, or none: not all pulses are within the force then.
     """
-    if told := unit_told(signal.unit, pulse_unit, 'pulse-unit', TIME_UNITS):
+    if told := unit_told(signal.unit.lower(), pulse_unit, 'pulse-unit', TIME_UNITS):
         return told
     numbers = _are_numbers(signal.values, len(seconds))
     if numbers and _NUMBERS.search(signal.name):
         return SAMPLES, 'as the name says (--pulse-unit decides)'
     if time_unit is not None:
         return time_unit, 'as stated (--time-unit)'
+    # a file may state volts for all that is in it
+    if signal.unit not in (*UNSTATED, 'V', SAMPLES):
+        raise Ambiguous(
+            f'expected times of pulses in {", ".join(LIST_UNITS)}, got {signal.name!r} in '
+            f'{signal.unit}: --pulse-unit decides'
+        )
     within = {unit: _within(signal.values, unit, seconds) for unit in ('s', 'ms', 'us')}
     possible = [one for one in ('s', 'ms', SAMPLES, 'us') if within.get(one, numbers)]
     begin, end = float(seconds[0]), float(seconds[-1])

@@ -15,9 +15,9 @@ import numpy as np
 from rpms_ros.errors import RecordingError, check_number
 from rpms_ros.pulses import FloatArray
 
-_BRACKETS = re.compile(r'^.*[\[(]\s*([^\])]*?)\s*[\])]\s*$')
+_BRACKETS = re.compile(r'[\[(]\s*([^\])]*?)\s*[\])]')
 _ENDING = re.compile(
-    r'^.*[_/ ]\s*(us|ms|s|mN|kN|N|mV|V|g|kg|gf|kgf|lbf|Nm|mNm|kNm|kgm|ft-lbs?|ft-lbf)$'
+    r'^(?:.*[_/ ])?\s*(us|ms|s|mN|kN|N|mV|V|g|kg|gf|kgf|lbf|Nm|mNm|kNm|kgm|ft-lbs?|ft-lbf)$'
 )
 
 RISING, FALLING = 'rising', 'falling'
@@ -101,8 +101,16 @@ class SignalFile:
 
 
 def unit_of(name: str) -> str:
-    """Return the unit that a name ends with, as in ``Force [N]`` or ``time_ms``; empty if none."""
-    found = _BRACKETS.match(name) or _ENDING.match(name)
+    """Return the unit in a name, as in ``Force [N]``, ``(kg) left`` or ``time_ms``; else empty.
+
+    What is in brackets at the end counts also if it is no unit that is known.
+    """
+    told = _BRACKETS.findall(name)
+    if known := {usual_unit(one) for one in told} & {*TIME_UNITS, *SENSOR_UNITS, 'V', 'mV', '%'}:
+        return ' or '.join(sorted(known))
+    if told and ('[' in name or name.rstrip().endswith(')')):
+        return str(told[-1])
+    found = _ENDING.match(name)
     return found[1] if found else ''
 
 
@@ -123,7 +131,7 @@ _SYNONYMS = {
     'μs': 'us', 'usec': 'us', 'microseconds': 'us', 'minutes': 'min', 'gf': 'g', 'kgf': 'kg',
     'N m': 'Nm', 'N·m': 'Nm', 'N*m': 'Nm', 'N.m': 'Nm', 'N-m': 'Nm', 'mN m': 'mNm', 'kg m': 'kgm',
     'ft lbf': 'ft-lbf', 'ft-lb': 'ft-lbf', 'ft-lbs': 'ft-lbf', 'ft lb': 'ft-lbf',
-    'lbf-ft': 'ft-lbf',
+    'lbf-ft': 'ft-lbf', 'Newton': 'N', 'newton': 'N', 'kilogram': 'kg',
 }  # fmt: skip
 
 
@@ -188,11 +196,11 @@ class ImportOptions:
 
     def __post_init__(self) -> None:
         """Refuse values that cannot be."""
-        for name in ('force_scale', 'sampling_rate'):
-            value = getattr(self, name)
-            if value is not None and not (np.isfinite(value) and value != 0.0):
-                raise RecordingError(f'expected a finite {name} that is not 0, got {value}')
-        check_number(RecordingError, 'sampling rate', self.sampling_rate or 0.0, 0, unit='Hz')
+        scale, rate = self.force_scale, self.sampling_rate
+        if scale is not None and not (np.isfinite(scale) and scale != 0.0):
+            raise RecordingError(f'expected a finite force_scale that is not 0, got {scale}')
+        if rate is not None:
+            check_number(RecordingError, 'sampling rate', rate, 0, above=True, unit='Hz')
         check_number(RecordingError, 'intensity', self.share, 0, 1)
         check_number(RecordingError, 'threshold', self.threshold or 0.0)
         if self.edge not in (None, RISING, FALLING):

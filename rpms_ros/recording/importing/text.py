@@ -17,7 +17,7 @@ _MARKS = {b'\xef\xbb\xbf': 'utf-8-sig', b'\xff\xfe': 'utf-16', b'\xfe\xff': 'utf
 _SEPARATORS = {'\t': 'tab', ';': 'semicolon', '|': 'bar', ',': 'comma', ' ': 'spaces'}
 _CLOCK = re.compile(r'^(?:(\S+)[T ])?(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d+)?)\s*Z?$')
 _UNITS = re.compile(
-    r'^[\[(]?\s*(?:s|sec|seconds?|ms|us|µs|μs|min|N|mN|kN|V|mV|g|kg|gf|kgf|lbf|'
+    r'^[\[(]?\s*(?:s|sec|seconds?|ms|us|µs|μs|min|[Nn]ewtons?|m?k?N|m?V|[Vv]olts?|g|kg|gf|kgf|lbf|'
     r'm?k?N[ ·*.-]?m|kg ?m|ft[ -]lb[fs]?|'
     r'm|mm|%|1|-|a\.?u\.?|)\s*[\])]?$'
 )
@@ -25,13 +25,14 @@ _THOUSANDS = re.compile(
     r'^[-+]?[1-9]\d{0,2}(?:(?:\.\d{3})+(?:,\d*)?|(?:,\d{3})+(?:\.\d*)?|'
     r"(?:['’\s]\d{3})+(?:[.,]\d*)?)$"
 )
+_WHOLE, _SOME = re.compile(r'-?[1-9]\d+'), 20
 # Lines above the titles: the rate, with its unit before or behind it, and the unit of all.
 _RATE = re.compile(r'(?i)^(?=.*\bk?hz\b)\W*(sampl|acquisition|scan)[^\d]*(\d+(?:\.\d+)?)\D*$')
 _VOLTS = re.compile(r'(?i)\bdata in volts?\b|\bunits?\W+v(?:olts?)?\W*$')
 _OLD_OFFICE = b'\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1'
 _LOOKED_AT = 200
 _LABCHART = ('Interval=', 'ChannelTitle=', 'ExcelDateTime=', 'TimeFormat=', 'DateFormat=')
-_MISSING = {'', 'nan', 'na', 'n/a', '-', 'null'}
+_MISSING = {'', 'nan', 'na', 'n/a', '-', 'null', '#n/a', '#nv'}
 
 
 def _decoded(path: Path) -> tuple[str, str]:
@@ -171,7 +172,8 @@ def _splitter(separator: str) -> Callable[[str], list[str]]:
         if '"' not in line:
             return [cell.strip() for cell in line.split(separator)]
         cells = re.findall(rf'(?:^|{re.escape(separator)})("(?:[^"]|"")*"|[^{separator}]*)', line)
-        return [cell.strip().removeprefix('"').removesuffix('"').strip() for cell in cells]
+        bare = (cell.strip().removeprefix('"').removesuffix('"') for cell in cells)
+        return [cell.replace('""', '"').strip() for cell in bare]
 
     return split
 
@@ -223,7 +225,8 @@ def number(cell: str, comma: bool) -> float | None:
         hours, minutes, seconds = clock[2], clock[3], clock[4].replace(',', '.')
         return 3600.0 * int(hours) + 60.0 * int(minutes) + float(seconds)
     try:
-        return float(cell.replace(',', '.') if comma else cell)
+        # Python reads 1_0 as ten
+        return float((cell.replace(',', '.') if comma else cell).replace('_', 'x'))
     except ValueError:
         return None
 
@@ -242,6 +245,12 @@ def first_row(path: Path, rows: Sequence[list[str]], comma: bool = False) -> int
         some = any(value is not None and not np.isnan(value) for value in numbers)
         if len(cells) == width and some and None not in numbers:
             return index
+        if len(cells) == width and numbers[0] is not None and not all(map(_UNITS.match, cells)):
+            text = cells[numbers.index(None)]
+            raise RecordingError(
+                f'expected numbers in {path}, got {text[:40]!r} in the row that begins with '
+                f'{cells[0]}'
+            )
     cells = [cell for row in rows[-_LOOKED_AT:] for cell in row]
     points = [cell for cell in cells if comma and _has_point(cell)]
     _refuse_thousands(path, points + [cell for cell in cells if number(cell, comma) is None])
@@ -254,7 +263,10 @@ def _header(above: Sequence[list[str]], width: int) -> tuple[list[str], list[str
     """Return names and units of the columns from the lines above the numbers."""
     wide = [cells for cells in above if len(cells) == width]
     units = [''] * width
-    if len(wide) > 1 and all(_UNITS.match(cell) for cell in wide[-1]):
+    known = [sum(bool(cell and _UNITS.match(cell)) for cell in cells) for cells in wide[-2:]]
+    whole = len(wide) > 1 and all(_UNITS.match(cell) for cell in wide[-1])
+    # most of them, where titles have none: others are units that are not known
+    if whole or (len(wide) > 1 and known[1] > max(width / 2, known[0])):
         units = [cell.strip('[]() ') for cell in wide.pop()]
     return (wide[-1] if wide else [''] * width), units
 
@@ -279,6 +291,11 @@ def _columns(path: Path, rows: Sequence[list[str]], width: int, comma: bool) -> 
             if ':' in cell and (clock := _CLOCK.match(cell)):
                 days.add(clock[1] or '')
             table[index, column] = value
+    for values in zip(*rows, strict=True):
+        marked = [cell for cell in values if not cell.removeprefix('-').isdigit()]
+        # numbers with decimals seldom have three each, and never beside whole ones
+        if _SOME < len(marked) < len(values) and any(map(_WHOLE.fullmatch, values)):
+            _refuse_thousands(path, marked if all(map(_THOUSANDS.match, marked)) else ())
     if len(days) > 1:
         fault = f'expected the times of one day in {path}, got those of {len(days)} dates'
         raise RecordingError(fault)
@@ -296,7 +313,7 @@ def _labchart(path: Path, text: str, encoding: str, block: int | None) -> Signal
     if not 1 <= chosen <= len(blocks):
         raise RecordingError(f'expected a block from 1 to {len(blocks)} of {path}, got {chosen}')
     head, rows = blocks[chosen - 1]
-    width = min((len(row) for row in rows), default=0)
+    width = max(map(len, rows), default=0)
     if width < 2:
         raise RecordingError(f'expected time and channels in {path}, got no such rows')
 
@@ -306,7 +323,9 @@ def _labchart(path: Path, text: str, encoding: str, block: int | None) -> Signal
     # the range has the unit of the numbers, too
     stated = zip(padded('UnitName'), padded('Range'), strict=True)
     units = [unit.strip('*') or span.strip('*').rpartition(' ')[2] for unit, span in stated]
-    time, *channels = _columns(path, [row[:width] for row in rows], width, _decimal_comma(rows))
+    # what is missing at the end of a row is not written
+    whole = [[*row, *[''] * (width - len(row))] for row in rows]
+    time, *channels = _columns(path, whole, width, _decimal_comma(rows))
     named = zip(padded('ChannelTitle'), channels, units, strict=True)
     signals = tuple(Signal(*one, time) for one in named)
     return SignalFile(path, 'LabChart text', signals, facts=(encoding, f'block {chosen}'))

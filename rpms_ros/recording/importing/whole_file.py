@@ -47,6 +47,11 @@ from rpms_ros.recording.rosbag.scan import READERS
 
 # No muscle shows a pulse for longer.
 _ACTS_NS = 3 * NANOSECONDS_PER_SECOND // 2
+# So much of a pulse may have another intensity, as where a column is a sample late, and so many
+# pulses more.
+_OTHER, _FEW_CHANGE = 0.3, 0.05
+# A stamp of ROS has 32 bits for its seconds.
+_STAMPS_NS = 2**31 * NANOSECONDS_PER_SECOND
 
 
 class Imported(NamedTuple):
@@ -121,6 +126,8 @@ def import_file(path: Path, options: ImportOptions) -> Imported:
         stamp_ns = _stamps(file, gate, guess, options)
         if warning := heights_told(gate, stamp_ns, pulses):
             remarks.append(('warning', warning))
+    pulses, forces, moved = _moved(pulses, forces)
+    remarks += moved
     names = [one.name for one in file.signals] + [one.name for one in file.events]
     if left := [name for name in names if name not in used]:
         remarks.append(('not used', ', '.join(map(repr, left))))
@@ -133,6 +140,21 @@ def import_file(path: Path, options: ImportOptions) -> Imported:
     all_given = None not in (options.time, options.force, options.pulse)
     told = remarks or any(text.endswith('decides)') for _, text in guess.reasons)
     return Imported(pulses, forces, read, bool(told or not all_given), quantity)
+
+
+def _moved(
+    pulses: PulseTrain, forces: ForceTrace
+) -> tuple[PulseTrain, ForceTrace, list[tuple[str, str]]]:
+    """Return pulses and force at times that stamps of ROS can hold, and a remark if they moved."""
+    first_ns = int(min(forces.stamp_ns[0], pulses.onset_ns[0]))
+    if first_ns >= 0 and forces.stamp_ns[-1] < _STAMPS_NS:
+        return pulses, forces, []
+    later_s = -(first_ns // NANOSECONDS_PER_SECOND)
+    later_ns = later_s * NANOSECONDS_PER_SECOND
+    pulses = replace(pulses, onset_ns=pulses.onset_ns + later_ns)
+    forces = replace(forces, stamp_ns=forces.stamp_ns + later_ns)
+    said = f'{later_s} s are added to each, as stamps are from 0 to {2**31} s'
+    return pulses, forces, [('times', said)]
 
 
 def _intensities(
@@ -149,7 +171,13 @@ def _intensities(
     if found := file.signal(name):
         shares = found.values
         if len(shares) != len(pulses):
-            shares = values_at(shares, _stamps(file, found, guess, options), pulses)
+            shares, other = values_at(shares, _stamps(file, found, guess, options), pulses)
+            if np.mean(changing := other > _OTHER) > _FEW_CHANGE:
+                raise RecordingError(
+                    f'expected one intensity while a pulse lasts in {name!r}, got several in '
+                    f'{changing.sum()} of {len(pulses)} pulses: --intensity FILE with one a pulse '
+                    'decides'
+                )
     else:
         if not Path(name).is_file():
             columns = ', '.join(repr(one.name) for one in file.signals)
@@ -158,7 +186,13 @@ def _intensities(
                 f'columns of {file.path} are {columns}'
             )
         table = read_signals(Path(name)).signals
-        found = next((one for one in table if 'intens' in one.name.lower()), table[0])
+        named = [one for one in table if 'intens' in one.name.lower()]
+        if len(table) > 1 and not named:
+            raise RecordingError(
+                f'expected one column of intensities in {name}, or a title that says which, got '
+                f'{len(table)} columns'
+            )
+        found = (named or table)[0]
         shares = found.values
         if len(shares) != len(pulses):
             raise RecordingError(
