@@ -371,7 +371,7 @@ _STYLE: dict[Any, Any] = {
     'grid.linewidth': 0.6,
     'axes.grid': True,
     'axes.axisbelow': True,
-    'legend.frameon': False,
+    'legend.edgecolor': 'none',
     'legend.fontsize': 9.5,
     # Text stays text: it can be searched, copied and read aloud.
     'svg.fonttype': 'none',
