@@ -176,8 +176,8 @@ class Muscle(NamedTuple):
         Standard deviation of the area of the response by what the functions miss of it [N s].
     curve_error : float
         That of the curve by what the sines miss of it, as a share of its end.
-    hindsight : float
-        That of curve and response by how wrong the last ones were, as such a share.
+    model_error : float
+        That of curve and response by what no muscle of the model does, as such a share.
     """
 
     theta: FloatArray
@@ -188,7 +188,7 @@ class Muscle(NamedTuple):
     condition: float = 0.0
     area_error: float = 0.0
     curve_error: float = 0.0
-    hindsight: float = 0.0
+    model_error: float = 0.0
 
 
 LEAST_GAIN = 0.7
@@ -631,7 +631,7 @@ class EstimateBuilder:
         """Return the error of the height of the response as a share of it."""
         area = abs(float(self._basis.area @ found.linear))
         share = found.area_error / max(area, found.area_error, 1e-300)
-        return math.hypot(share, found.hindsight)
+        return math.hypot(share, found.model_error)
 
     def _curve(
         self,
@@ -657,7 +657,7 @@ class EstimateBuilder:
         # an error of the shape does not end where the recruitment is small
         shape = rho[-1] * np.minimum(CURVE_INTENSITY / _LOW, 1.0)
         error = self._rate_hz * found.area_error
-        of_curve = gain * math.hypot(found.curve_error, found.hindsight)
+        of_curve = gain * math.hypot(found.curve_error, found.model_error)
         of_shape = math.hypot(_SHAPE * max(error, MISFIT * abs(gain)), of_curve)
         misfit = np.linalg.norm((error * rho, of_shape * shape, gain * taken_up), axis=0)
         half = sure.half_width(gradient, misfit)

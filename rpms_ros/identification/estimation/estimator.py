@@ -112,7 +112,7 @@ class ProjectionEstimator:
 
     name, sines = 'projection', WINDOW_SINES
     on_line = True
-    _hindsight = 0.0
+    _model_error = 0.0
 
     def __init__(
         self, settings: ProjectionSettings | None, rate_hz: float, capacity: int = 64
@@ -187,7 +187,7 @@ class ProjectionEstimator:
             condition=condition_number(fit.covariance[own, own]),
             area_error=sums.missing_area(fit.variance * fit.colour),
             curve_error=math.hypot(beyond, self._in_common(sums, sure)),
-            hindsight=self._hindsight,
+            model_error=self._model_error,
         )
         counters = self._counters()
         deviation = self._prior.deviation[:PARAMETERS]

@@ -111,16 +111,17 @@ _SMOOTHED, _LAGS, _LEAST_COMPARED, _EXPLAINED, _FOLLOWED = 2, 6, 160, 0.5, 0.02
 _LIVELY_SHARE = 5e-3
 
 
-def follows_intensity(problem: Problem, fit: WindowFit, full: float) -> bool:
-    """Tell whether the disturbance runs with the intensity, by a share of a force `full` [N].
+def follows_intensity(problem: Problem, fit: WindowFit, full: float) -> float:
+    """Return by which share of a force `full` [N] the disturbance runs with the intensity.
 
-    An effort that does so, as under a slow sinusoid, cannot be told from recruitment.
+    An effort that does so, as under a slow sinusoid, cannot be told from recruitment: as much may
+    be in the curve.  0 where it does not, or by less than `_FOLLOWED`.
     """
     blocks, levels = problem.blocks, fit.levels
     order = ring_order(blocks)[problem.first :]
     count = len(levels)
     if count < _LEAST_COMPARED:
-        return False
+        return 0.0
     place = np.clip(blocks.start_ns[order] // INTERVAL_NS - fit.first, 0, count - 1)
     smooth, columns = np.full(_SMOOTHED, 1.0 / _SMOOTHED), [np.ones(count), np.arange(count)]
     earlier = np.zeros(_SMOOTHED * _LAGS)
@@ -134,7 +135,19 @@ def follows_intensity(problem: Problem, fit: WindowFit, full: float) -> bool:
     part = matrix @ np.linalg.lstsq(matrix, levels, rcond=None)[0]
     straight = np.polynomial.Polynomial.fit(columns[1], levels, 1)(columns[1])
     explained = 1.0 - np.var(levels - part) / max(float(np.var(levels - straight)), 1e-300)
-    return bool(explained > _EXPLAINED and np.ptp(part - straight) > _FOLLOWED * full)
+    share = float(np.ptp(part - straight)) / max(full, 1e-100)
+    return share if explained > _EXPLAINED and share > _FOLLOWED else 0.0
+
+
+def liveliness(levels: FloatArray, full: float) -> float:
+    """Return by which share of a force `full` [N] the disturbance (intervals,) moves all the time.
+
+    0 where it is less than `_LIVELY_SHARE`, or too little is known of it.
+    """
+    if len(levels) <= _LEAST_COMPARED // 4:
+        return 0.0
+    share = float(np.median(np.abs(np.diff(levels)))) / max(full, 1e-100)
+    return share if share > _LIVELY_SHARE else 0.0
 
 
 def _rates(fit: WindowFit, area: FloatArray) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
@@ -443,12 +456,17 @@ class TrackingEstimator(ProjectionEstimator):
 
     def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
         """Return the present estimate, with rates, changes, disturbance, doubts and reasons."""
-        estimate, fit, watch = super().estimate(stamp_ns, faults), self._window, self._watch
+        fit, watch = self._window, self._watch
+        force = _force_at(fit.point, float(fit.point.times[0]), self._basis.area)
+        full = self.rate_hz * abs(float(force[-1]))
+        follows = follows_intensity(self._problem, fit, full)
+        lively = liveliness(fit.levels, full)
+        wrong = float(np.median(self._wrong)) if self._wrong else 0.0
+        self._model_error = float(np.linalg.norm((wrong, follows, lively)))
+        estimate = super().estimate(stamp_ns, faults)
         names, rate, deviation = _rates(fit, self._basis.area)
         half = float(ndtri(0.5 + 0.5 * estimate.confidence)) * deviation
         rest = float(np.median(fit.levels))
-        full = float(np.abs(estimate.curve_force).max(initial=0.0))
-        follows = follows_intensity(self._problem, fit, full)
         behind = max(stamp_ns / INTERVAL_NS - (fit.first + len(fit.levels) - 1), 0.0) + 1.0
         slope = abs(float(np.diff(fit.levels[-2:]).sum()))
         described = replace(
@@ -462,14 +480,17 @@ class TrackingEstimator(ProjectionEstimator):
             change_ago=np.array([1e-9 * (stamp_ns - one.stamp_ns) for one in watch.found]),
             disturbance=float(fit.levels[-1]) - rest,
             disturbance_deviation=math.hypot(fit.level_deviation, slope * min(behind, 4.0)),
-            reasons=_reasons(estimate, fit, watch.deliberating, self._tremor, self._hindsight),
+            reasons=_reasons(estimate, fit, watch.deliberating, self._tremor, wrong),
         )
         # alike, and more than the model's own error
         alike = fit.residuals_alike and fit.misfit * fit.weighting_variance > 0.5 * fit.variance
-        moves = float(np.median(np.abs(np.diff(fit.levels))))
-        lively = len(fit.levels) > _LEAST_COMPARED // 4 and moves > _LIVELY_SHARE * full
-        doubts = {RESIDUALS_ALIKE: alike, DISTURBANCE_FOLLOWS: follows, DISTURBANCE_LIVELY: lively}
-        return doubted(described, doubts | {NOT_ISOMETRIC: fit.swing > _SWING})
+        doubts = {
+            RESIDUALS_ALIKE: alike,
+            DISTURBANCE_FOLLOWS: follows > 0.0,
+            DISTURBANCE_LIVELY: lively > 0.0,
+            NOT_ISOMETRIC: fit.swing > _SWING,
+        }
+        return doubted(described, doubts)
 
     @property
     def _theta(self) -> FloatArray:
@@ -544,7 +565,6 @@ class TrackingEstimator(ProjectionEstimator):
             # a single moment, as when pulses begin or come again, is none
             wrong = math.sqrt(np.median(beyond, axis=0).max())
             self._wrong.append(wrong / max(abs(float(force[-1])), 1e-100))
-            self._hindsight = float(np.median(self._wrong))
         gradient = sure.gradient(area, *recruitment_curve(_SAID_OF, sure.theta))
         variance = np.square(sure.half_width(gradient) / sure.quantile)
         said.append((now_ns, force, variance))
