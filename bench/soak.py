@@ -130,7 +130,7 @@ def check_recordings(paths, estimator):
         found['faults of recordings'] += sum(recording.facts.faults.values())
         found['pulses recorded'] += len(recording.pulses)
         found['force recorded'] += len(recording.forces)
-        live = recorded_messages(path).estimates
+        live = recorded_messages(recording).estimates
         found['estimates recorded'] += len(live)
         found['estimates made again off line'] += len(live)
         session = identified(recording, IdentificationOptions(estimator))

@@ -149,11 +149,11 @@ def load(
         raise RecordingError(f'expected {what}, got it with {place}')
     topics = Topics(pulses_topic, force_topic)
     recording = read_recording(place, topics, axis, sign, quantity=quantity)
-    name = (place.resolve() if place.is_dir() else place).stem
+    name = place.resolve().name if place.is_dir() else place.stem
     muscle = true_muscle(recording, DEFAULT_RATE)
     changing = muscle is not None and len(muscle.stamp_ns) > 1
     subject = None if muscle is None else muscle.subject
-    return Session(name, recording, topics, subject, muscle if changing else None)
+    return Session(name, recording, subject, muscle if changing else None)
 
 
 def from_arrays(

@@ -19,7 +19,7 @@ from rpms_ros.identification.model.settings import PEOPLE_PRESET
 from rpms_ros.identification.stream.arrivals import no_overlap
 from rpms_ros.muscle import Subject
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, ForceTrace, IntArray, PulseTrain
-from rpms_ros.recording import Recording, Topics, write_recording
+from rpms_ros.recording import Recording, write_recording
 from rpms_ros.recording.rosbag.verifying import Finding, verify
 from rpms_ros.report.known_muscle import KnownMuscle
 
@@ -41,8 +41,6 @@ class Session:
         What people call it; the title of figures.
     recording : Recording
         Everything that was read.
-    topics : Topics
-        Names of the topics that were read.
     subject : Subject or None
         The true muscle, of a simulated session or a recording of one; at rest, if it changes.
     truth : KnownMuscle or None
@@ -54,7 +52,6 @@ class Session:
 
     name: str
     recording: Recording = field(repr=False)
-    topics: Topics = field(default_factory=Topics, repr=False)
     subject: Subject | None = field(default=None, repr=False)
     truth: KnownMuscle | None = field(default=None, repr=False)
     imported: tuple[tuple[str, str], ...] = field(default=(), repr=False)
@@ -154,7 +151,7 @@ class Session:
                 f'expected a session that was loaded from a recording, got one of '
                 f'{self.recording.facts.storage}; save() writes a recording'
             )
-        return verify(self.recording.facts.path, self.topics)
+        return verify(self.recording.facts.path, lambda: self.recording)
 
     def save(self, path: str | Path, compression: str = '') -> None:
         """Write pulses and force as a recording of mcap with checksums.

@@ -162,7 +162,7 @@ def run_export(arguments: argparse.Namespace) -> int:
 
     path = arguments.bag
     recording = read(path, arguments)
-    nodes = recorded_messages(path, memory=arguments.max_memory)
+    nodes = recorded_messages(recording, memory=arguments.max_memory)
     findings = [('warning', remark) for remark in recording.facts.remarks]
     if nodes.unreadable:
         findings.append(('warning', f'{nodes.unreadable} messages could not be decoded'))

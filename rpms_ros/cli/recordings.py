@@ -6,6 +6,7 @@ import argparse
 import json
 import textwrap
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,10 +18,9 @@ from rpms_ros.cli.options import (
     add_json,
     add_memory_option,
     add_option,
-    add_topic_options,
+    add_reading_options,
     progress,
     read,
-    topics_of,
 )
 from rpms_ros.printable import printable
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
@@ -107,8 +107,7 @@ def add_verify(subparsers: Subparsers) -> None:
     text = 'audit log of the driver that gave the pulses'
     add_option(parser, '--audit FILE', None, text, type=Path)
     add_json(parser)
-    add_topic_options(parser)
-    add_memory_option(parser)
+    add_reading_options(parser)
 
 
 def run_verify(arguments: argparse.Namespace) -> int:
@@ -126,7 +125,8 @@ def run_verify(arguments: argparse.Namespace) -> int:
     """
     from rpms_ros.recording.rosbag.verifying import FAULT, verify
 
-    findings = verify(arguments.bag, topics_of(arguments), arguments.max_memory, arguments.audit)
+    pulses_and_force = partial(read, arguments.bag, arguments)
+    findings = verify(arguments.bag, pulses_and_force, arguments.max_memory, arguments.audit)
     if arguments.json:
         rows = [vars(finding) for finding in findings]
         print(json.dumps({'recording': str(arguments.bag), 'findings': rows}))

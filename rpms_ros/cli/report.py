@@ -69,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
     recording = read(arguments.bag, arguments)
     messages = RecordedMessages()
     if not is_foreign(arguments.bag):
-        messages = recorded_messages(arguments.bag, memory=arguments.max_memory)
+        messages = recorded_messages(recording, memory=arguments.max_memory)
     noted = recording.facts.custom.get('muscle', '').strip()
     title = arguments.title or noted or arguments.bag.resolve().name
     command = shlex.join(['rpms', *sys.argv[1:]]) if sys.argv[1:2] == ['report'] else ''

@@ -61,10 +61,11 @@ def dose_of(pulses: PulseTrain, start_ns: int) -> Dose:
     start_ns : int
         Start of the session [ns].
     """
-    valid = (pulses.intensity >= 0.0) & (pulses.intensity <= 1.0)
-    order = np.argsort(pulses.onset_ns[valid], kind='stable')
-    onset, intensity = pulses.onset_ns[valid][order], pulses.intensity[valid][order]
-    width = pulses.width[valid]
+    # a pulse that was recorded twice was given once
+    both = np.column_stack((pulses.onset_ns, pulses.sequence))
+    pulses = pulses[np.unique(both, axis=0, return_index=True)[1]]
+    pulses = pulses[(pulses.intensity >= 0.0) & (pulses.intensity <= 1.0)]
+    onset, intensity, width = pulses.onset_ns, pulses.intensity, pulses.width
     steps = np.diff(onset) / NANOSECONDS_PER_SECOND
     within = (steps <= TRAIN_GAP) & (steps > 0)
     return Dose(

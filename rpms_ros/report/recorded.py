@@ -10,7 +10,6 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from itertools import chain
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -91,14 +90,14 @@ class RecordedMessages:
 
 
 def recorded_messages(
-    path: Path | str, memory: int | None = None, only: tuple[str, ...] = _TYPES
+    recording: 'Recording', memory: int | None = None, only: tuple[str, ...] = _TYPES
 ) -> RecordedMessages:
     """Return the messages of an identifier and a driver in a recording.
 
     Parameters
     ----------
-    path : Path or str
-        Folder or file.
+    recording : Recording
+        What was read; messages of other namespaces than that of its pulses are not of its muscle.
     memory : int, optional
         What reading may take, as of `read_recording` [bytes].
     only : tuple of str
@@ -111,9 +110,12 @@ def recorded_messages(
     """
     found = RecordedMessages()
     topics: set[str] = set()
-    scan = Scan(Path(path), memory)
-    wanted = (block for block in scan.blocks() if block[0].type_name in only)
-    for channel, records in wanted:
+    path = recording.facts.path
+    scan = Scan(path, memory)
+    for channel, records in scan.blocks():
+        of_it = channel.topic.rpartition('/')[0] == recording.namespace
+        if channel.type_name not in only or not of_it:
+            continue
         sizes = (records.end - records.start).tolist()
         for size, message in zip(sizes, decoded(channel, records), strict=True):
             try:
@@ -151,7 +153,7 @@ def true_muscle(recording: 'Recording', rate_hz: float) -> KnownMuscle | None:
     """
     facts, truths = recording.facts, []
     if any(topic.type_name == messages.MUSCLE_TRUTH for topic in facts.topics):
-        truths = recorded_messages(facts.path, None, (messages.MUSCLE_TRUTH,)).truths
+        truths = recorded_messages(recording, None, (messages.MUSCLE_TRUTH,)).truths
     return known_muscle(truths, facts.custom, rate_hz)
 
 

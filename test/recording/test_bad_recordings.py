@@ -194,16 +194,18 @@ def test_definition_that_is_another_one_is_used_and_named(session, bag, as_sqlit
 
 
 def test_forces_without_stamps_count_from_reception(write_with_rosbags, make):
-    for name, kind, value in (
-        ('wrench', WRENCH, make.wrench(3.0, float('nan'), 4.0)),
-        ('number', FLOAT64, make.of(FLOAT64, 5.0)),
+    for name, kind, axis, value in (
+        ('wrench', WRENCH, '0.6,0,0.8', make.wrench(3.0, float('nan'), 4.0)),
+        ('number', FLOAT64, 'z', make.of(FLOAT64, 5.0)),
     ):
         messages = [('/pulses', PULSE, 1, make.pulse(1))]
         messages += [('/force', kind, time_ns, value) for time_ns in (30, 40, 50)]
-        recording = read_recording(write_with_rosbags(messages, name=name), axis='0.6,0,0.8')
+        recording = read_recording(write_with_rosbags(messages, name=name), axis=axis)
         assert recording.forces.stamp_ns.tolist() == [30, 40, 50]
         # 0.6 * 3 + 0.8 * 4, each rounded once.
         np.testing.assert_allclose(recording.forces.force, 5.0, rtol=1e-15)
+    with pytest.raises(RecordingError, match=r'expected no axis for std_msgs/msg/Float64, got -z'):
+        read_recording(recording.facts.path, axis='-z')
 
 
 @pytest.mark.parametrize('value', ["'Käthe'", 'NULL'])

@@ -3,6 +3,7 @@
 """Recordings written and read again: refusals, a full device, the order of reception."""
 
 import resource
+import shutil
 
 import numpy as np
 import pytest
@@ -139,6 +140,37 @@ def test_topics_below_a_namespace(write_with_rosbags, make):
     recording = read_recording(path, Topics(force='/right/force'))
     assert recording.pulses.sequence.tolist() == [1]
     assert recording.forces.force.tolist() == [8.0]
+
+
+def test_pulses_of_one_namespace_are_not_joined_with_the_force_of_another(
+    write_with_rosbags, make
+):
+    messages = [
+        ('/left/pulses', PULSE, 1, make.pulse(1, 1)),
+        ('/left/force', WRENCH_STAMPED, 1, make.wrench_stamped(1, 4.0)),
+        ('/force', WRENCH_STAMPED, 1, make.wrench_stamped(1, 8.0)),
+    ]
+    path = write_with_rosbags(messages)
+    with pytest.raises(
+        RecordingError, match=r'of one namespace in .*, got /left/pulses and /force:'
+    ):
+        read_recording(path)
+    recording = read_recording(path, Topics(force='left/force'))
+    assert (recording.forces.force.tolist(), recording.namespace) == ([4.0], '/left')
+
+
+def test_files_that_nothing_names_are_told_of_and_what_is_packed_is_read_once(tmp_path, make):
+    recording = written(tmp_path / 'bag', [(False, 1), (True, 2), (False, 3)], make)
+    (storage,) = (tmp_path / 'bag').glob('*.mcap')
+    shutil.copy(storage, storage.with_name('other.mcap'))
+    again = read_recording(tmp_path / 'bag')
+    assert again.facts.faults == {'unlisted_file': 1}
+    assert len(again.forces) == len(recording.forces)
+    (tmp_path / 'bag' / 'metadata.yaml').unlink()
+    (storage.with_name('other.mcap')).rename(storage.with_name(f'{storage.name}.zstd'))
+    once = read_recording(tmp_path / 'bag')
+    assert once.facts.faults == {'missing_metadata': 1}
+    assert len(once.forces) == len(recording.forces)
 
 
 def written(path, arrivals, make):

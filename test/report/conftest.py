@@ -43,7 +43,7 @@ def _make_report(path):
     recording = read_recording(path)
     session = identified(recording, IdentificationOptions('recursive', 'paper_table_4'))
     result = result_of(recording, session)
-    return report_of(path.name, recording, recorded_messages(path), session, result)
+    return report_of(path.name, recording, recorded_messages(recording), session, result)
 
 
 def _with_session(report, session):

@@ -6,14 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rclpy.serialization import serialize_message
 
+from rpms_msgs.msg import DriverStatus
 from rpms_ros.errors import ReportError
 from rpms_ros.identification.quality.verdict import Verdict
-from rpms_ros.pulses import PulseTrain
-from rpms_ros.recording import write_recording
+from rpms_ros.pulses import ForceTrace, PulseTrain
+from rpms_ros.recording import FurtherTopic, read_recording, write_recording
 from rpms_ros.report.dose import dose_of
 from rpms_ros.report.figures import draw
 from rpms_ros.report.page import as_page
+from rpms_ros.report.recorded import recorded_messages
 from rpms_ros.report.residuals import analyse_residuals, stimulation_at
 from rpms_ros.report.session_report import headline_of
 from rpms_ros.schema import plain
@@ -36,6 +39,29 @@ def test_trains_rates_and_energy_are_those_of_the_pulses():
     assert found.stimulated_s == pytest.approx(0.25)
     assert found.rate_hz == pytest.approx({'lowest': 10.0, 'median': 10.0, 'highest': 20.0})
     assert found.full_intensity_pulses == pytest.approx(3.5)
+
+
+def test_a_pulse_that_was_recorded_twice_was_given_once():
+    train = PulseTrain.regular([0.5, 1.0, 1.0], 10.0, START_NS)
+    once, twice = dose_of(train, START_NS), dose_of(PulseTrain.joined([train, train]), START_NS)
+    assert (twice.pulses, twice.rate_hz) == (3, once.rate_hz)
+    assert twice.full_intensity_pulses == once.full_intensity_pulses == 2.25
+
+
+def test_the_driver_of_another_muscle_is_none_of_the_report(tmp_path):
+    status = {
+        name: serialize_message(DriverStatus(schedule=name, pulses_delivered=count))
+        for name, count in (('left', 3), ('right', 5))
+    }
+    further = [
+        FurtherTopic(topic, 'rpms_msgs/msg/DriverStatus', [START_NS], [status[name]])
+        for topic, name in (('/driver_status', 'left'), ('/right/driver_status', 'right'))
+    ]
+    stamps = START_NS + np.arange(100) * 1_000_000
+    forces, pulses = ForceTrace(stamps, np.sin(stamps)), PulseTrain.regular([0.5], 10.0, START_NS)
+    write_recording(tmp_path / 'both', pulses, forces, further=further)
+    driver = recorded_messages(read_recording(tmp_path / 'both')).driver
+    assert (driver.schedule, driver.pulses_delivered) == ('left', 3)
 
 
 def test_a_dead_force_still_gives_a_report(tmp_path, report, make_report):

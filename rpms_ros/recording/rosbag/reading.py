@@ -105,6 +105,7 @@ DAMAGE = {
     'damaged_chunk',
     'damaged_record',
     'missing_file',
+    'unlisted_file',
     'truncated_file',
     'undecodable_message',
     'unreadable_file',
@@ -117,7 +118,8 @@ class Topics:
     """Names of the topics of a recording.
 
     A name without a leading slash also fits below any one namespace: ``force`` is ``/force``, or
-    ``/left_leg/force`` if that is the only one.
+    ``/left_leg/force`` if that is the only one.  Both are of one namespace, unless one begins
+    with a slash.
     """
 
     pulses: str = 'pulses'
@@ -184,6 +186,8 @@ class Recording:
         Everything else.
     quantity : str
         What the sensor measured: ``force`` [N], or ``torque``, then the forces are in N m.
+    namespace : str
+        That of the pulses, empty or with a leading slash.
     """
 
     pulses: PulseTrain
@@ -193,6 +197,7 @@ class Recording:
     samples_before_pulse: IntArray
     facts: RecordingFacts
     quantity: str = FORCE
+    namespace: str = ''
 
     @property
     def unit(self) -> str:
@@ -205,6 +210,8 @@ class Recording:
         if not DAMAGE & self.facts.faults.keys():
             return None
         steps = np.diff(np.sort(self.forces.stamp_ns))
+        # copies of samples are no steps
+        steps = steps[steps > 0]
         gaps = steps[steps > 2 * np.median(steps)] if len(steps) else steps
         if not len(gaps):
             return 'the recording is damaged: force may be missing at its beginning or end'
@@ -287,6 +294,12 @@ def read_recording(
     if not any(facts.count for facts in scan.topics.values()):
         raise RecordingError(f'expected messages in {path}, got none')
     pulses, force = (reading.values(scan) for reading in readings)
+    namespace, other = (one.topic.rpartition('/')[0] for one in (pulses, force))
+    if namespace != other and '/' not in (topics.pulses[:1], topics.force[:1]):
+        raise RecordingError(
+            f'expected pulses and force of one namespace in {path}, got {pulses.topic} and '
+            f'{force.topic}: a whole name with its slash decides (--pulses-topic, --force-topic)'
+        )
     # Where the clock of reception was set back, only the order of the recording tells.  Otherwise
     # the times do, since a recording may also have been written one topic after the other; a
     # pulse comes before a sample of the same time.
@@ -299,6 +312,8 @@ def read_recording(
     components = [
         np.asarray(force.number.get(path, ()), np.float64) for path in types[force.type_name]
     ]
+    if len(components) == 1 and direction != unit_vector('z'):
+        raise RecordingError(f'expected no axis for {force.type_name}, got {axis} (--sign?)')
     newton = along(direction, components) if len(components) == 3 else components[0]
     return Recording(
         PulseTrain(pulses.stamp_ns(), number['intensity'], sequence, number['width']),
@@ -308,6 +323,7 @@ def read_recording(
         before,
         _facts(scan, schedules, {'pulses': pulses.frame_ids, 'force': force.frame_ids}),
         quantity,
+        namespace,
     )
 
 

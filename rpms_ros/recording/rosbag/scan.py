@@ -217,9 +217,14 @@ def _found(path: Path, findings: Findings) -> tuple[list[Path], dict[str, Any]]:
         listed = [path / Path(name).name for name in metadata.get('relative_file_paths', [])]
         for one in itertools.filterfalse(_is_storage, listed):
             findings.add('missing_file', f'{one.name} is named in {METADATA} but not there')
-        # Part 2 before part 10.
-        found = sorted(path.iterdir(), key=lambda one: (len(one.name), one.name))
-        paths = [*filter(_is_storage, listed)] or [*filter(_is_storage, found)]
+        # Part 2 before part 10; what is packed beside itself is one file.
+        names = sorted(filter(_is_storage, path.iterdir()), key=lambda one: (len(one.name), one))
+        found = [one for one in names if one.with_name(one.name + _PACKED_SUFFIX) not in names]
+        paths = [*filter(_is_storage, listed)] or found
+        known = {one.name.removesuffix(_PACKED_SUFFIX) for one in paths}
+        for one in found:
+            if one.name.removesuffix(_PACKED_SUFFIX) not in known:
+                findings.add('unlisted_file', f'{one.name} is not named in {METADATA}: left out')
     elif paths:
         # Of the metadata beside a file only the notes, and only if they are its own.
         beside = read_metadata(path.with_name(METADATA), Findings())

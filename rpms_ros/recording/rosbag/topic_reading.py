@@ -184,8 +184,8 @@ class TopicValues(NamedTuple):
 
     Attributes
     ----------
-    type_name : str
-        Type of the messages.
+    topic, type_name : str
+        Its name in the recording, and type of the messages.
     number : mapping of str to ndarray, shape (messages,)
         Wanted fields.
     received_ns : ndarray of int64, shape (messages,)
@@ -196,6 +196,7 @@ class TopicValues(NamedTuple):
         All that occur, sorted.
     """
 
+    topic: str
     type_name: str
     number: Mapping[str, npt.NDArray[Any]]
     received_ns: IntArray
@@ -332,4 +333,6 @@ def _joined(topic: str, type_name: str, candidate: _Candidate, scan: Scan) -> To
         path: np.concatenate([block.number.pop(path) for block in columns])[order]
         for path in list(columns[0].number)
     }
-    return TopicValues(type_name, number, received_ns[order], place[order], tuple(frame_ids))
+    return TopicValues(
+        topic, type_name, number, received_ns[order], place[order], tuple(frame_ids)
+    )

@@ -7,7 +7,7 @@ are those that the driver gave.
 """
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,8 +21,8 @@ from rpms_ros.pulses import PulseTrain, hash_of
 from rpms_ros.recording.rosbag.metadata import SUMS_NAME, fits, read_checksums
 from rpms_ros.recording.rosbag.reading import (
     DAMAGE,
+    Recording,
     RecordingFacts,
-    Topics,
     read_facts,
     read_recording,
     session_hash,
@@ -62,7 +62,10 @@ def _found(check: str, faults: Iterable[str], well: str) -> list[Finding]:
 
 
 def verify(
-    path: Path, topics: Topics | None = None, memory: int | None = None, audit: Path | None = None
+    path: Path,
+    read: Callable[[], Recording] | None = None,
+    memory: int | None = None,
+    audit: Path | None = None,
 ) -> list[Finding]:
     """Return what every check found, at least one finding a check.
 
@@ -70,8 +73,8 @@ def verify(
     ----------
     path : Path
         Folder or storage file.
-    topics : Topics, optional
-        Names of the topics.
+    read : callable, optional
+        Returns its pulses and force; `read_recording` does if it is not given.
     memory : int, optional
         What reading may take, as of `read_recording` [bytes].
     audit : Path, optional
@@ -94,7 +97,7 @@ def verify(
         Finding('schedule', UNKNOWN, 'the recording does not tell')
     ]
     try:
-        recording = read_recording(path, topics, memory=memory)
+        recording = read() if read else read_recording(path, memory=memory)
     except RecordingError as error:
         return [*findings, Finding('session', FAULT, printable(str(error)))]
     new = (text for text in recording.facts.remarks if text not in facts.remarks)
