@@ -100,10 +100,9 @@ def truth_of(message: Any) -> Truth:
     intensity, force = _array(message.curve_intensity), _array(message.curve_force)
     if len(intensity) != len(force):
         raise MessageError(f'expected {len(intensity)} elements in curve_force, got {len(force)}')
-    state = MuscleState(*(float(getattr(message, name)) for name in MuscleState._fields))
     return Truth(
         stamp_ns=nanoseconds(message.header.stamp),
-        state=state,
+        state=MuscleState(*(float(getattr(message, name)) for name in MuscleState._fields)),
         repetition_rate=float(message.repetition_rate),
         curve_intensity=intensity,
         curve_force=force,

@@ -33,9 +33,7 @@ def told_apart(one: float, other: float, digits: int = 3) -> tuple[str, str]:
     """
     shown = f'{one:.{digits}g}', f'{other:.{digits}g}'
     # 17 digits tell any two numbers apart
-    if shown[0] != shown[1] or digits == 17:
-        return shown
-    return told_apart(one, other, digits + 1)
+    return shown if shown[0] != shown[1] or digits == 17 else told_apart(one, other, digits + 1)
 
 
 def spreadsheet_text(text: str) -> str:

@@ -173,18 +173,15 @@ class _Reader:
             fault = f'expected at most {DEEPEST_NESTING} levels of nesting in YAML, got more'
             self._refuse(fault, place)
         mapping = isinstance(event, yaml.MappingStartEvent)
-        node = Node({} if mapping else [], self.line)
+        node = Node(None, self.line)
         while not isinstance(event := self._next(), yaml.CollectionEndEvent):
             key, below = str(len(node.children)), f'{place}[{len(node.children)}]'
             if mapping:
                 key = self._key(event, node, place)
                 event, below = self._next(), join(place, key)
-            child = self._node(event, below, depth + 1)
-            node.children[key] = child
-            if mapping:
-                node.content[key] = child.content
-            else:
-                node.content.append(child.content)
+            node.children[key] = self._node(event, below, depth + 1)
+        found = {key: child.content for key, child in node.children.items()}
+        node.content = found if mapping else list(found.values())
         return node
 
     def _check(self, event: Any, place: str) -> None:
@@ -208,8 +205,7 @@ class _Reader:
             fault = f'expected a key of 1 to {LONGEST_KEY} printable characters, got {shown(key)}'
             self._refuse(fault, place)
         if key in parent.children:
-            first = parent.children[key].line
-            fault = f'expected the key once, got it again after line {first}'
+            fault = f'expected the key once, got it again after line {parent.children[key].line}'
             self._refuse(fault, join(place, key))
         return key
 

@@ -449,8 +449,7 @@ class SerialDevice:
         self._refuse_what_is_wrong(status, armed=True)
         if not status & rapid2.READY:
             raise DeviceError(f'expected a ready device, got status {status:#04x}')
-        onset_ns = reply.time_ns + nanoseconds(self.trigger_s)
-        return Delivery(onset_ns, percent / _STEPS, _UNVERIFIED)
+        return Delivery(reply.time_ns + nanoseconds(self.trigger_s), percent / _STEPS, _UNVERIFIED)
 
     def read_back(self) -> DeviceStatus:
         """Read the intensity back; one that is not what was set silences the device at once."""

@@ -106,8 +106,7 @@ class Patient(Bounded):
                 f'expected at least the motor threshold {self.motor_threshold:g}, '
                 f'got {self.largest_comfortable:g}',
             )
-        days = (self.expires - self.set_on).days
-        if not 0 <= days <= LONGEST_VALIDITY_DAYS:
+        if not 0 <= (self.expires - self.set_on).days <= LONGEST_VALIDITY_DAYS:
             raise DescriptionError(
                 'expires',
                 f'expected a day within {LONGEST_VALIDITY_DAYS} days after {self.set_on}, '

@@ -191,9 +191,7 @@ def wall_ns_of(text: str) -> int:
 
 def explanation(torn: bytes) -> dict[str, Any]:
     """Return what a record says of the line before it that was cut off; empty for none."""
-    if not torn:
-        return {}
-    return {'bytes': len(torn), 'sha256': hashlib.sha256(torn).hexdigest()}
+    return {'bytes': len(torn), 'sha256': hashlib.sha256(torn).hexdigest()} if torn else {}
 
 
 class ChainedFile:

@@ -91,6 +91,4 @@ class Clocks:
         if boot_id == self.boot_id():
             return max(0, self.boot_ns() - boot_ns)
         certain, now = self.boot_ns(), self.wall_ns()
-        if min(now, wall_ns) < EARLIEST_WALL_NS:
-            return certain
-        return max(certain, now - wall_ns)
+        return certain if min(now, wall_ns) < EARLIEST_WALL_NS else max(certain, now - wall_ns)

@@ -49,13 +49,9 @@ def from_text(text: str, build: Callable[[object], Built]) -> Built:
     """
     try:
         node = read_yaml(text)
-    except YamlError as fault:
-        place = f'line {fault.line}, {fault.place}' if fault.place else f'line {fault.line}'
-        raise DescriptionError(place, fault.fault) from fault
-    try:
         return build(node.content)
-    except DescriptionError as fault:
-        line = node.line_of(fault.place)
+    except (YamlError, DescriptionError) as fault:
+        line = fault.line if isinstance(fault, YamlError) else node.line_of(fault.place)
         place = f'line {line}, {fault.place}' if fault.place else f'line {line}'
         raise DescriptionError(place, fault.fault) from fault
 

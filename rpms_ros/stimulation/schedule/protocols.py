@@ -8,7 +8,7 @@ Twitches at intensities (Tables 1 and 2, Fig. 5), trains at rates (Figs. 6 to 8)
 of intensities at several rates that the recruitment field is made of (Figs. 9 and 10).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -107,6 +107,11 @@ def twitches(
     return Schedule((REST, *pulses), name='twitches', seed=seed)
 
 
+def _with_rests(segments: Iterable[Segment], rest_s: float) -> list[Segment]:
+    """Return segments with a pause behind each [s]."""
+    return [item for segment in segments for item in (segment, Pause(rest_s))]
+
+
 def trains(
     rates_hz: tuple[float, ...] = TRAIN_RATES_HZ, duration_s: float = 1.5, rest_s: float = 3.0
 ) -> Schedule:
@@ -123,9 +128,7 @@ def trains(
     """
     single = Repeat((Single(1.0, rest_s),), 3)
     bursts = tuple(PulseBurst(1.0, count, 0.02, rest_s) for count in (2, 4))
-    given: list[Segment] = []
-    for rate in rates_hz:
-        given += [Constant(rate, duration_s, 1.0), Pause(rest_s)]
+    given = _with_rests((Constant(rate, duration_s, 1.0) for rate in rates_hz), rest_s)
     return Schedule((REST, single, *bursts, *given), name='trains')
 
 
@@ -148,10 +151,8 @@ def recruitment(
     rest_s : float
         Silence after each staircase [s].
     """
-    given: list[Segment] = []
-    for rate in rates_hz:
-        stairs = Staircase(rate, step_s * max(1, len(levels)), levels=levels)
-        given += [stairs, Pause(rest_s)]
+    length = step_s * max(1, len(levels))
+    given = _with_rests((Staircase(rate, length, levels=levels) for rate in rates_hz), rest_s)
     return Schedule((REST, *given), name='recruitment')
 
 

@@ -189,8 +189,7 @@ class Schedule(_Row):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        name = read_text({'name': self.name}, 'name', '', LONGEST_NAME)
-        object.__setattr__(self, 'name', name)
+        object.__setattr__(self, 'name', read_text({'name': self.name}, 'name', '', LONGEST_NAME))
         if not self.segments:
             raise StimulationError('expected at least one segment, got none')
         for what, value, most in (
