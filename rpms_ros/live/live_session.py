@@ -109,10 +109,9 @@ class Course:
 
     def since(self, count: int, origin_ns: int) -> list[list[float | None]]:
         """Return time after `origin_ns` [s] and values of those after `count`, oldest first."""
-        new = takewhile(lambda one: one[0] > count, reversed(self._kept))
         found = [
             [round((stamp_ns - origin_ns) * _NANOSECONDS, 4), *numbers(values)]
-            for _, stamp_ns, values in new
+            for _, stamp_ns, values in takewhile(lambda one: one[0] > count, reversed(self._kept))
         ]
         return found[::-1]
 
@@ -180,9 +179,8 @@ def _curve(estimate: Estimate, name: str, along: str) -> dict[str, Any] | None:
 
 def _bounded(estimate: Estimate, key: str, known: Mapping[str, str], unit: str) -> list[list[Any]]:
     """Return rows of quantities of an estimate that have a key, a value and two bounds."""
-    names: tuple[str, ...] = getattr(estimate, f'{key}_names')
     values = (getattr(estimate, f'{key}{end}') for end in ('', '_lower', '_upper'))
-    return _rows(names, known, unit, *values)
+    return _rows(getattr(estimate, f'{key}_names'), known, unit, *values)
 
 
 def _rows(
@@ -471,9 +469,8 @@ class LiveSession:
         return self.bins.origin * BIN_NS
 
     def _force_part(self, have: Cursor) -> dict[str, Any]:
-        first = self.bins.oldest
-        if have.epoch == self._epoch:
-            first = max(first, have.bin + 1)
+        oldest = self.bins.oldest
+        first = max(oldest, have.bin + 1) if have.epoch == self._epoch else oldest
         low, high, modelled = map(numbers, self.bins.since(first, self._ready))
         return {
             'epoch': self._epoch,

@@ -286,9 +286,7 @@ class LiveServer:
         self.session.advance(now)
         # browsers that keep up have the same cursor
         made: dict[Cursor, tuple[Cursor, str | None]] = {}
-        for browser in list(self.browsers):
-            if not browser.ready:
-                continue
+        for browser in [one for one in self.browsers if one.ready]:
             if browser.cursor not in made:
                 cursor, frame = self.session.frame(browser.cursor)
                 made[browser.cursor] = (cursor, None if frame is None else _encoded(frame))

@@ -113,16 +113,12 @@ class Topic:
 
     def _words(self, now: float) -> list[str]:
         state = self.state(now)
-        words = []
-        if state == NEVER:
-            words.append(self._why_never())
-        elif state == SILENT:
-            words.append(f'silent for {self.age(now):.0f} s')
-        elif state == QUIET:
-            words.append(f'nothing for {self.age(now):.0f} s')
+        words = [self._why_never()] if state == NEVER else []
         publishers = self.publishers or ()
-        if state in (SILENT, QUIET) and self.publishers is not None and not publishers:
-            words.append('nobody publishes it any more')
+        if what := {SILENT: 'silent', QUIET: 'nothing'}.get(state):
+            words.append(f'{what} for {self.age(now):.0f} s')
+            if self.publishers is not None and not publishers:
+                words.append('nobody publishes it any more')
         if self.refused:
             words.append(f'not shown: {self.refused}')
         if len(publishers) > 1:
@@ -131,8 +127,7 @@ class Topic:
         return words
 
     def _why_never(self) -> str:
-        others = {one.type_name for one in self.publishers or ()} - {self.type_name}
-        if others:
+        if others := {one.type_name for one in self.publishers or ()} - {self.type_name}:
             return f'expected type {self.type_name}, got {", ".join(sorted(others))}'
         if not self.publishers:
             return f'nobody publishes it; expected type {self.type_name}'

@@ -98,8 +98,7 @@ class Course:
     @cached_property
     def time_s(self) -> FloatArray:
         """Times after the first force sample (estimates,) [s]."""
-        time: FloatArray = (self.stamp_ns - self.start_ns) / NANOSECONDS_PER_SECOND
-        return time
+        return (self.stamp_ns - self.start_ns) / NANOSECONDS_PER_SECOND
 
     @cached_property
     def shown(self) -> IntArray:
@@ -109,8 +108,7 @@ class Course:
     @cached_property
     def settled(self) -> BoolArray:
         """Which estimates (estimates,) are past the time in which the muscle is first learnt."""
-        late: BoolArray = self.time_s >= min(_SETTLING, 0.2 * self.end_s)
-        return late
+        return self.time_s >= min(_SETTLING, 0.2 * self.end_s)
 
     @property
     def has_course(self) -> bool:
@@ -218,10 +216,8 @@ def _last(values: FloatArray) -> float:
 
 
 def _runs(chosen: BoolArray, time_s: FloatArray) -> list[tuple[float, float]]:
-    """Return beginning and end of each run of True [s]; short breaks do not end one."""
+    """Return beginning and end of each run of True [s], at least one; short breaks end none."""
     times = time_s[chosen]
-    if not len(times):
-        return []
     apart = np.flatnonzero(np.diff(times) > _BREAK)
     starts, ends = np.append(0, apart + 1), np.append(apart, len(times) - 1)
     return [(float(times[one]), float(times[two])) for one, two in zip(starts, ends, strict=True)]

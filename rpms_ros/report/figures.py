@@ -31,7 +31,7 @@ from matplotlib.gridspec import SubplotSpec
 from rpms_ros.axis import QUANTITIES
 from rpms_ros.identification import IdentifiedSession
 from rpms_ros.identification.analysis import SummationAnalysis
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, PulseTrain
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, PulseTrain
 from rpms_ros.report.analysis_figures import draw_trains, save_figure
 from rpms_ros.report.course import Course, TimeCourse, course_of
 from rpms_ros.report.dose import Dose, dose_of
@@ -110,8 +110,7 @@ def draw_response(
     place.set(ylabel=quantity(last.unit), xlim=(0.0, float(time[-1])))
     if truth is not None and truth.comparable(last):
         fine = np.linspace(0.0, float(time[-1]), 500)
-        shape = truth.response(1e-3 * fine, last.stamp_ns)
-        if shape is not None:
+        if (shape := truth.response(1e-3 * fine, last.stamp_ns)) is not None:
             draw_true(place, fine, shape)
     begin = begin_of_response(force)
     if last.curve_known:
@@ -126,7 +125,7 @@ def draw_response(
 
 def draw_force(axes: list[Axes], session: IdentifiedSession, dose: Dose) -> None:
     """Draw measured and modelled force over the last seconds of stimulation."""
-    time = _elapsed(session.stamp_ns, session)
+    time = _elapsed(session)
     end = min(float(time[-1]), float(dose.onset_s[-1]) + 0.1) if dose.pulses else float(time[-1])
     kept = (time >= end - _SHOWN) & (time <= end)
     shown = min(_SHOWN, float(np.ptp(time[kept]))) if kept.any() else 0.0
@@ -135,7 +134,7 @@ def draw_force(axes: list[Axes], session: IdentifiedSession, dose: Dose) -> None
 
 def draw_worst(axes: list[Axes], session: IdentifiedSession) -> None:
     """Draw measured and modelled force around the largest residual."""
-    time = _elapsed(session.stamp_ns, session)
+    time = _elapsed(session)
     error = np.where(session.usable, np.abs(session.force - session.prediction), 0.0)
     # before an estimator has settled, residuals are as large as the force
     begin = len(error) // 5
@@ -148,7 +147,7 @@ def _force_of(axes: list[Axes], session: IdentifiedSession, kept: BoolArray, whe
     (upper, lower), unit = axes, session.last.unit
     chosen = np.flatnonzero(kept)
     chosen = chosen[:: max(1, len(chosen) // _MOST_POINTS)]
-    time = _elapsed(session.stamp_ns, session)[chosen]
+    time = _elapsed(session)[chosen]
     force, prediction = session.force[chosen], session.shown_prediction[chosen]
     upper.set_title(f'{QUANTITIES[unit].capitalize()}, {where}')
     upper.plot(time, force, color=MEASURED, lw=3.0, label='measured')
@@ -172,8 +171,7 @@ def draw_residuals(axes: list[Axes], found: ResidualAnalysis | None) -> None:
     _correlation(itself, found.lag_s[1:], auto, found.autocorrelation_band, 'white')
     itself.set(xlabel='lag / ms', ylabel='correlation')
     if len(cross):
-        band = found.cross_correlation_band
-        _correlation(pulses, found.cross_lag_s, cross, band, 'independent')
+        _correlation(pulses, found.cross_lag_s, cross, found.cross_correlation_band, 'independent')
     else:
         note(pulses, 'no pulses in this part')
     pulses.set_xlabel('time after the pulse / ms')
@@ -201,9 +199,8 @@ def draw_schedule(axes: list[Axes], dose: Dose) -> None:
     axes[1].plot(time, np.cumsum(intensity**2), color=MODELLED, lw=1.2, drawstyle='steps-post')
 
 
-def _elapsed(stamp_ns: IntArray, session: IdentifiedSession) -> FloatArray:
-    elapsed: FloatArray = (stamp_ns - session.stamp_ns[0]) / NANOSECONDS_PER_SECOND
-    return elapsed
+def _elapsed(session: IdentifiedSession) -> FloatArray:
+    return (session.stamp_ns - int(session.stamp_ns[0])) / NANOSECONDS_PER_SECOND
 
 
 def quantity(unit: str) -> str:
@@ -417,8 +414,7 @@ def as_svg(name: str, report: SessionReport) -> bytes:
     file = BytesIO()
     with style():
         # neither when nor by what it was made
-        unsigned = {'Date': None, 'Creator': None}
-        draw(name, report).savefig(file, format='svg', metadata=unsigned)
+        draw(name, report).savefig(file, format='svg', metadata={'Date': None, 'Creator': None})
     return file.getvalue()
 
 

@@ -120,10 +120,9 @@ class KnownMuscle(NamedTuple):
         if self.subject is None:
             return None
         constant, order = float(self.at('time_constant', stamp_ns)), self.subject.order
-        peak = self.curve_at(stamp_ns)[-1] / (self.rate_hz * twitch_area(constant, order))
-        elapsed = time_s - float(self.at('latency', stamp_ns))
-        force: FloatArray = peak * twitch(elapsed, constant, order)
-        return force
+        full = float(self.curve_at(stamp_ns)[-1])
+        peak = full / (self.rate_hz * twitch_area(constant, order))
+        return peak * twitch(time_s - float(self.at('latency', stamp_ns)), constant, order)
 
     def comparable(self, estimate: Estimate) -> bool:
         """Whether an estimate states a curve for the same repetition rate."""

@@ -106,8 +106,7 @@ def analyse_residuals(
     auto = correlation(centred, centred, 0, longest)
     band = BAND_95 / np.sqrt(count)
     early = min(round(_EARLIEST_LAG / period), longest)
-    stimulation = stimulation_at(stamp_ns, pulses)
-    cross, cross_band = _cross(stimulation, centred, auto, early, longest)
+    cross, cross_band = _cross(stimulation_at(stamp_ns, pulses), centred, auto, early, longest)
     return ResidualAnalysis(
         samples=count,
         sample_period_s=period,
@@ -140,8 +139,7 @@ def correlation(first: FloatArray, second: FloatArray, before: int, after: int) 
     """
     product = correlate(second, first, method='fft')[len(first) - 1 - before :]
     scale = float(np.linalg.norm(first) * np.linalg.norm(second))
-    chosen: FloatArray = product[: before + after + 1] / scale
-    return chosen
+    return product[: before + after + 1] / scale
 
 
 def stimulation_at(stamp_ns: IntArray, pulses: PulseTrain) -> FloatArray:
