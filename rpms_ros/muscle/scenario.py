@@ -164,10 +164,8 @@ EFFORTS: dict[str, type[Effort]] = {
 
 def _since(time: FloatArray, at: float, every: float | None) -> FloatArray:
     """Return the time since the newest beginning (samples,) [s]; negative before the first."""
-    since: FloatArray = time - at
-    if every is None:
-        return since
-    return np.where(since >= 0.0, np.mod(since, every), since)
+    since = time - at
+    return since if every is None else np.where(since >= 0.0, np.mod(since, every), since)
 
 
 def _require_event(

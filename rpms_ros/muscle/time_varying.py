@@ -144,8 +144,7 @@ class Change:
             ('saturation', -1.0, 3.0),
         ):
             if (value := getattr(self, name)) is not None:
-                above = name == 'time_constant'
-                check_number(MuscleError, name, value, least, most, above=above)
+                check_number(MuscleError, name, value, least, most, above=name == 'time_constant')
         if self.threshold is not None and self.saturation is not None:
             _require_apart(self.at + self.over, self.threshold, self.saturation)
         if all(getattr(self, name) is None for name in CHANGEABLE):

@@ -199,9 +199,8 @@ class _Analysis:
         responses = [cut(self.trace, pulses, artifacts, group) for group in short]
         overlapping: dict[int, str] = {}
         for index, response in enumerate(responses[:-1]):
-            if isinstance(response, str) or short[index] != self.groups[index]:
-                continue
-            if _share_left(response) > LEFT_OVER:
+            whole = short[index] == self.groups[index]
+            if isinstance(response, Response) and whole and _share_left(response) > LEFT_OVER:
                 overlapping[index] = 'not decayed when the next begins'
                 overlapping[index + 1] = 'begins while the one before lasts'
         if overlapping:
@@ -270,8 +269,7 @@ class _Analysis:
         if not held or baseline is None:
             return ()
         found = [steady_point(trace, onset_ns, level, baseline) for level in held]
-        reasons = Counter(item for item in found if isinstance(item, str))
-        if reasons:
+        if reasons := Counter(item for item in found if isinstance(item, str)):
             self.findings.append(
                 f'{sum(reasons.values())} of {len(held)} levels give no steady force '
                 f'({counted_reasons(reasons)})'
@@ -303,6 +301,4 @@ def _share_left(response: Response) -> float:
     scatter = float(np.std(response.force[response.lag < 0]))
     peak = float(np.percentile(force, 98))
     # whether a response hidden by noise lasts cannot be determined
-    if peak < 10.0 * scatter:
-        return 0.0
-    return float(np.mean(force[-20:])) / peak
+    return 0.0 if peak < 10.0 * scatter else float(np.mean(force[-20:])) / peak

@@ -16,6 +16,7 @@ redundant: seven of the shape, one force, one offset.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -106,11 +107,10 @@ def resting_force(
     rests = [(time, force) for time, force in parts if len(force)]
     if not rests:
         return None
-    variance = np.mean([np.var(force) / len(force) for _, force in rests])
     return Baseline(
         np.array([time for time, _ in rests]),
         np.array([np.mean(force) for _, force in rests]),
-        float(np.sqrt(variance)),
+        float(np.sqrt(np.mean([np.var(force) / len(force) for _, force in rests]))),
     )
 
 
@@ -293,11 +293,9 @@ def _fitted(
         return np.concatenate((misfit, (weight * (theta - CENTRE))[free], [10.0 * order]))
 
     bounds = _LOWEST[free], _HIGHEST[free]
-    found = []
-    for thresholds in _STARTS:
-        start = np.concatenate((CENTRE[:1], thresholds, CENTRE[3:]))[free]
-        found.append(scipy.optimize.least_squares(residual, start, bounds=bounds, x_scale='jac'))
-    best = min(found, key=lambda result: float(result.cost))
+    fit = partial(scipy.optimize.least_squares, residual, bounds=bounds, x_scale='jac')
+    starts = (np.concatenate((CENTRE[:1], thresholds, CENTRE[3:]))[free] for thresholds in _STARTS)
+    best = min(map(fit, starts), key=lambda result: float(result.cost))
     theta = CENTRE.copy()
     theta[free] = best.x
     return theta, np.asarray(best.jac)
@@ -325,7 +323,6 @@ def _interval(
 def _worst_deviation(theta: FloatArray, covariance: FloatArray, rate: FloatArray) -> float:
     """Return the greatest standard deviation of rho over u in 0..1 and the measured rates."""
     u, f = (axis.ravel() for axis in np.meshgrid(np.linspace(0.0, 1.0, 41), np.unique(rate)))
-    steps = np.full(len(theta), 1e-5)
-    slopes = derivatives(lambda moved: field_force(moved, u, f), theta, steps)
+    slopes = derivatives(lambda moved: field_force(moved, u, f), theta, np.full(len(theta), 1e-5))
     deviation = np.sqrt(np.maximum(np.einsum('ij,jk,ik->i', slopes, covariance, slopes), 0.0))
     return float(deviation.max() / np.abs(field_force(theta, u, f)).max())

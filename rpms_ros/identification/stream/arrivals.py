@@ -92,9 +92,7 @@ class FarPulses:
         first_ns = newest_ns if newest_ns is not None else int(pulses.onset_ns.min())
         far = pulses.onset_ns > first_ns + FAR_NS
         if far.any():
-            kept = pulses[far]
-            if newest_ns is not None:
-                kept = self._admitted(kept, newest_ns)
+            kept = pulses[far] if newest_ns is None else self._admitted(pulses[far], newest_ns)
             self._kept = PulseTrain.joined([self._kept, kept])
             # those before the first sample are not given up
             since_ns = np.full(len(kept), _NEVER if newest_ns is None else newest_ns)
@@ -359,7 +357,8 @@ class ForceIntake:
     largest_force : float
         Larger ones are dropped [N].
     jumped : callable
-        Called with the first stamp [ns] of a new time line, before samples of it are kept.
+        Called with the newest stamp of the old time line and the first of a new one [ns], before
+        samples of it are kept.
     """
 
     def __init__(
@@ -367,7 +366,7 @@ class ForceIntake:
         pulses: PulseQueue,
         reorder_delay_ns: int,
         largest_force: float,
-        jumped: Callable[[int], None],
+        jumped: Callable[[int, int], None],
     ) -> None:
         self._pulses, self._jumped = pulses, jumped
         self._reorder_delay_ns = reorder_delay_ns
@@ -382,8 +381,6 @@ class ForceIntake:
 
     def add(self, forces: ForceTrace) -> None:
         """Add force samples; bad ones are dropped and counted."""
-        if not len(forces):
-            return
         finite = np.isfinite(forces.force)
         bad = ~self.believes(forces.force)
         start = 0
@@ -458,9 +455,9 @@ class ForceIntake:
             return True
         step = stamp_ns - self.newest_ns
         if -GAP_NS <= step <= 0:
-            self._refuse(step, value)
+            self._refuse(self.newest_ns, step, value)
             return False
-        if abs(step) > GAP_NS and not self._follow_alone(stamp_ns, value):
+        if abs(step) > GAP_NS and not self._follow_alone(self.newest_ns, stamp_ns, value):
             return False
         self.drop_alone()
         return True
@@ -475,23 +472,22 @@ class ForceIntake:
         self.newest_ns = int(stamps[-1])
         self._newest_force = float(values[-1])
 
-    def _refuse(self, step: int, value: float) -> None:
+    def _refuse(self, newest_ns: int, step: int, value: float) -> None:
         """Count a sample that is stamped like or before its predecessor."""
-        assert self.newest_ns is not None
         if step == 0 and value == self._newest_force:
             self._postpone(faults.FORCE_DUPLICATE)
             return
         if step == 0:
             self._postpone(faults.FORCE_CONFLICT)
-            self.exclude(self.newest_ns - 1, self.newest_ns)
+            self.exclude(newest_ns - 1, newest_ns)
         else:
             self._postpone(faults.FORCE_STAMP_NOT_AFTER_LAST)
-        self._out_of_order.append(self.newest_ns)
+        self._out_of_order.append(newest_ns)
         first_ns = self._out_of_order[0]
-        if len(self._out_of_order) == _DISORDER and self.newest_ns - first_ns <= _DISORDER_NS:
-            self.exclude(first_ns - 1, self.newest_ns + self._pulses.memory_ns)
+        if len(self._out_of_order) == _DISORDER and newest_ns - first_ns <= _DISORDER_NS:
+            self.exclude(first_ns - 1, newest_ns + self._pulses.memory_ns)
 
-    def _follow_alone(self, stamp_ns: int, value: float) -> bool:
+    def _follow_alone(self, newest_ns: int, stamp_ns: int, value: float) -> bool:
         """Accept a stamp far from its predecessor when a second one follows it.
 
         Otherwise one wrong stamp would count as two jumps of the clock.  Returns whether
@@ -502,13 +498,12 @@ class ForceIntake:
             self.alone = (stamp_ns, value)
             return False
         (first_ns, first), self.alone = self.alone, None
-        assert self.newest_ns is not None
-        if first_ns < self.newest_ns:
-            self._jumped(first_ns)
+        if first_ns < newest_ns:
+            self._jumped(newest_ns, first_ns)
         else:
             # unknown pulses may have been given during the gap
             self._postpone(faults.FORCE_GAP)
-            self.exclude(self.newest_ns, first_ns + self._pulses.memory_ns)
+            self.exclude(newest_ns, first_ns + self._pulses.memory_ns)
         self._out_of_order.clear()
         self._keep(np.array([first_ns]), np.array([first]))
         return True

@@ -396,13 +396,11 @@ class IdentificationStream:
         They may if the forces (samples,) can be forces and have no gap or jump, and no pulse is
         late or far; `before` (pulses,) is how many of the samples arrived before each pulse.
         """
-        newest_ns, stamp_ns = self._intake.newest_ns, forces.stamp_ns
-        if not self._intake.believes(forces.force).all():
+        newest_ns = self._intake.newest_ns
+        # There is room for so many pulses before the first sample.
+        if newest_ns is None or not self._intake.believes(forces.force).all():
             return False
-        if newest_ns is None and len(pulses):
-            # There is room for so many before the first sample.
-            return False
-        line = stamp_ns if newest_ns is None else np.append(newest_ns, stamp_ns)
+        line = np.append(newest_ns, forces.stamp_ns)
         steps = np.diff(line)
         if self._intake.alone is not None or not ((steps > 0) & (steps <= GAP_NS)).all():
             return False
@@ -444,10 +442,8 @@ class IdentificationStream:
         reasons = (*estimate.reasons, *found.values())
         return replace(estimate, doubts=(*found, *doubts), reasons=reasons)
 
-    def _jump_back(self, stamp_ns: int) -> None:
+    def _jump_back(self, newest_ns: int, stamp_ns: int) -> None:
         """Start a new time line; waiting samples belong to the old one."""
-        newest_ns = self._intake.newest_ns
-        assert newest_ns is not None
         overtaking = self._strays.taken(newest_ns)
         self._end_of_line()
         self._counter.add(faults.CLOCK_JUMP)
