@@ -122,8 +122,7 @@ class Identification:
             found[name] = Parameter(stated.value, stated.lower, stated.upper, unit)
         if (trains := self.result.dynamics) is not None:
             for name in ('twitch_time_constant_s', 'latency_s'):
-                one = getattr(trains, name)
-                found[name] = Parameter(one.value, one.lower, one.upper, 's')
+                found[name] = Parameter(**vars(getattr(trains, name)), unit='s')
         return found
 
     def force_at(self, intensity: float) -> Stated:
@@ -188,8 +187,7 @@ class Identification:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result as ``rpms identify --json`` prints it: plain values, None for NaN."""
-        document: dict[str, Any] = plain(self.result)
-        return document
+        return dict(plain(self.result))
 
     def to_json(self, path: str | Path | None = None) -> str:
         """Return the result as JSON, and write it to `path` if one is given.

@@ -194,8 +194,7 @@ def from_arrays(
     >>> len(session.pulses), len(session.force)
     (3, 5000)
     """
-    arrays = map(_numbers, (time, force, pulse_times))
-    seconds, newtons, onsets = map(np.atleast_1d, arrays)
+    seconds, newtons, onsets = (np.atleast_1d(_numbers(one)) for one in (time, force, pulse_times))
     for what, values in (('time', seconds), ('pulse_times', onsets)):
         if values.ndim != 1 or not len(values) or not np.all(np.abs(values) < _LATEST_S):
             raise RecordingError(f'expected finite times in s in {what}, got {values}')

@@ -10,15 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
-from rpms_ros.axis import UNITS
 from rpms_ros.errors import RecordingError
 from rpms_ros.identification import DEFAULT_RATE
 from rpms_ros.identification.model.settings import PEOPLE_PRESET
 from rpms_ros.identification.stream.arrivals import no_overlap
 from rpms_ros.muscle import Subject
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, ForceTrace, IntArray, PulseTrain
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, ForceTrace, IntArray, PulseTrain
 from rpms_ros.recording import Recording, write_recording
 from rpms_ros.recording.rosbag.verifying import Finding, verify
 from rpms_ros.report.known_muscle import KnownMuscle
@@ -85,7 +83,7 @@ class Session:
             force, and how a file was ``imported``.  What cannot be told is None.
         """
         forces = self.force.force[np.isfinite(self.force.force)]
-        facts = self.recording.facts
+        facts, shares = self.recording.facts, self.pulses.intensity
         apart = no_overlap(self.pulses.onset_ns, self.force.stamp_ns)
         return {
             'name': self.name,
@@ -98,8 +96,8 @@ class Session:
             'pulse_rate_hz': _rate(self.pulses.onset_ns),
             'lowest_force_n': float(forces.min()) if len(forces) else None,
             'highest_force_n': float(forces.max()) if len(forces) else None,
-            'lowest_intensity': _end(self.pulses.intensity, np.min),
-            'highest_intensity': _end(self.pulses.intensity, np.max),
+            'lowest_intensity': float(shares.min()) if len(shares) else None,
+            'highest_intensity': float(shares.max()) if len(shares) else None,
             'faults': dict(facts.faults),
             'remarks': [*facts.remarks, *([] if apart is None else [apart])],
             'imported': [f'{label}: {text}' for label, text in self.imported],
@@ -125,8 +123,7 @@ class Session:
         above.plot(
             (samples - start) / NANOSECONDS_PER_SECOND, self.force.force, 'k', linewidth=0.8
         )
-        quantity = self.recording.quantity
-        above.set_ylabel(f'{quantity} [{UNITS[quantity]}]')
+        above.set_ylabel(f'{self.recording.quantity} [{self.recording.unit}]')
         below.vlines((onsets - start) / NANOSECONDS_PER_SECOND, 0.0, self.pulses.intensity)
         below.set(xlabel='time [s]', ylabel='intensity', ylim=(0.0, 1.05))
         figure.suptitle(self.name)
@@ -278,7 +275,3 @@ def _rate(stamp_ns: IntArray) -> float | None:
     steps = np.diff(stamp_ns)
     median = float(np.median(steps)) if len(steps) else 0.0
     return NANOSECONDS_PER_SECOND / median if median > 0 else None
-
-
-def _end(values: FloatArray, which: Callable[[FloatArray], npt.ArrayLike]) -> float | None:
-    return float(np.asarray(which(values))) if len(values) else None

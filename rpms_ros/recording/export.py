@@ -54,8 +54,7 @@ def write_tables(
         Whether date, name and notes are left out; times begin at 0 then.
     """
     pulses, forces = recording.pulses, recording.forces
-    stamps = (forces.stamp_ns, pulses.onset_ns)
-    origin_ns = next((int(one.min()) for one in stamps if len(one)), 0)
+    origin_ns = next((int(one.min()) for one in (forces.stamp_ns, pulses.onset_ns) if len(one)), 0)
     facts: dict[str, Any] = {'origin_ns': str(origin_ns), 'unit': recording.unit}
     if anonymous:
         facts['origin_ns'] = str(origin_ns - int(pulses.onset_ns.min(initial=origin_ns)))

@@ -179,8 +179,7 @@ def _flattened(fielddefs: Types, type_name: str, depth: int = 0) -> Iterator[Fie
             yield Field(path, name[0], count)
             continue
         for field in _flattened(fielddefs, name, depth + 1):
-            fixed = field.count if kind == _NAME else 0
-            yield Field(f'{path}.{field.path}', field.kind, fixed)
+            yield Field(f'{path}.{field.path}', field.kind, field.count if kind == _NAME else 0)
 
 
 def differs_from_known(type_name: str, types: Typestore) -> bool:

@@ -108,8 +108,7 @@ def _checked(metadata: Any) -> dict[str, Any]:
         if name in metadata and not isinstance(metadata[name], kind):
             raise RecordingError(f'expected another {name}, got {metadata[name]!r:.80}')
     last = (name for since, name in _LAST.items() if metadata['version'] >= since)
-    missing = [name for name in (*_REQUIRED, *last) if name not in metadata]
-    if missing:
+    if missing := [name for name in (*_REQUIRED, *last) if name not in metadata]:
         raise RecordingError(f'expected {", ".join(missing)}, got no such entry')
     texts = list(metadata['relative_file_paths'])
     for entry in metadata['topics_with_message_count']:

@@ -67,13 +67,12 @@ class TopicFacts:
         first, last = int(records.time_ns.min()), int(records.time_ns.max())
         times = np.append(records.time_ns, self.last_ns if self.count else first)
         steps = np.diff(np.sort(times))
-        return TopicFacts(
-            self.name,
-            self.type_name,
-            self.count + len(records),
-            min(first, self.first_ns) if self.count else first,
-            max(last, self.last_ns) if self.count else last,
-            self.silent_ns + int(steps[steps > _SILENT_NS].sum()),
+        return replace(
+            self,
+            count=self.count + len(records),
+            first_ns=min(first, self.first_ns) if self.count else first,
+            last_ns=max(last, self.last_ns) if self.count else last,
+            silent_ns=self.silent_ns + int(steps[steps > _SILENT_NS].sum()),
         )
 
 
@@ -164,8 +163,7 @@ class Scan:
                         continue
                     channel = file.channels[number]
                     key = channel.topic, channel.type_name
-                    facts = self.topics.get(key, TopicFacts(*key))
-                    self.topics[key] = facts.with_records(records)
+                    self.topics[key] = self.topics.get(key, TopicFacts(*key)).with_records(records)
                     if progress:
                         progress(len(records))
                     yield channel, _unpacked(records, self.budget)

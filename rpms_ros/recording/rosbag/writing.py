@@ -389,6 +389,5 @@ def write_recording(
         # Not a copy of each message but a view: a thousand of them are a small part of the work.
         view = records.buffer.data
         columns = (numbers, records.time_ns, records.start, records.end)
-        rows = zip(*(column.tolist() for column in columns), strict=True)
-        for topic, time_ns, start, end in rows:
+        for topic, time_ns, start, end in zip(*(one.tolist() for one in columns), strict=True):
             writer.append(topic, time_ns, view[start:end])
