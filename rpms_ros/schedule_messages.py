@@ -11,7 +11,7 @@ that it repeats and says in ``length`` how many they are, those of repetitions a
 """
 
 from array import array
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import chain
 from typing import Any
 
@@ -148,12 +148,11 @@ def _segment(entry: Entry, types: MessageTypes) -> Any:
     return types[SCHEDULE_SEGMENT](kind=number, **values)
 
 
-def _flat(items: Items) -> list[Entry]:
-    entries: list[Entry] = []
+def _flat(items: Items) -> Iterator[Entry]:
     for item in items:
         if isinstance(item, Repeat):
-            inner = _flat(item.segments)
-            entries += [{'kind': 'repeat', 'times': item.times, 'length': len(inner)}, *inner]
+            inner = list(_flat(item.segments))
+            yield {'kind': 'repeat', 'times': item.times, 'length': len(inner)}
+            yield from inner
         else:
-            entries.append(segment_to_mapping(item))
-    return entries
+            yield segment_to_mapping(item)

@@ -240,8 +240,7 @@ def build_device(name: str, options: DeviceOptions) -> Device:
             f'expected the device {name!r} at {point.value}, got {type(error).__name__}: {error}'
         ) from error
     parts = sorted(part for part in vars(Device) if not part.startswith('_'))
-    lacking = [part for part in parts if getattr(device, part, None) is None]
-    if lacking:
+    if lacking := [part for part in parts if getattr(device, part, None) is None]:
         raise StimulationError(
             f'expected a device at {point.value}, got {type(device).__name__} without '
             f'{", ".join(lacking)}'

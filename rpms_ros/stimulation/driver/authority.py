@@ -158,8 +158,7 @@ class Authority:
                     f'expected the confirmation within {self.valid_s:g} s of the request, '
                     'got it later',
                 )
-            problem = self.problem(now_ns)
-            if problem is not None:
+            if (problem := self.problem(now_ns)) is not None:
                 raise Refused(AUTHORITY, problem)
             self.confirmed = True
 
@@ -185,10 +184,9 @@ class Authority:
         if self._seen_ns is None:
             return f'expected a heartbeat of {self.operator or "an operator"}, got none yet'
         if now_ns - self._seen_ns > nanoseconds(self._timeout_s):
-            age_s = (now_ns - self._seen_ns) / 1e9
             return (
                 f'expected a heartbeat of {self.operator} within {self._timeout_s:g} s, '
-                f'got none for {age_s:.3g} s'
+                f'got none for {(now_ns - self._seen_ns) / 1e9:.3g} s'
             )
         return None
 

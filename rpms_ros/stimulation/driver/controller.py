@@ -492,8 +492,7 @@ class StimulationController(DeviceOwner):
         """Return whether the pulse may be triggered now; deal with it if it may not."""
         now = self._clock()
         onset_ns = now + self._trigger_ns
-        problem = self.interlocks.problem(now)
-        if problem is not None:
+        if (problem := self.interlocks.problem(now)) is not None:
             self.stop(*problem)
             return False
         if onset_ns - run.due_ns > nanoseconds(self.settings.lateness_limit_s):

@@ -305,8 +305,7 @@ class DeviceOwner(SafetyMonitor):
         now = self._clock()
         self.seen(SUPERVISOR)
         self._apply_halts()
-        missed = self._deadlines.missed(now)
-        if missed is not None:
+        if (missed := self._deadlines.missed(now)) is not None:
             late = f'expected an answer within {missed.limit_s:g} s, got none'
             self.fail('stuck', f'{missed.name}: {late}')
         # also while no pulse is possible: a coil that has cooled may be used again
@@ -314,8 +313,7 @@ class DeviceOwner(SafetyMonitor):
             self.temperature(self.coil.at(now))
         if self.state not in POSSIBLE:
             return now + LOOK_NS
-        problem = self.interlocks.problem(now, self._armed_ns)
-        if problem is not None:
+        if (problem := self.interlocks.problem(now, self._armed_ns)) is not None:
             self.stop(*problem)
         elif now - self._active_ns > nanoseconds(self.limits.idle_disarm_s):
             self.count('idle')
@@ -451,8 +449,7 @@ class DeviceOwner(SafetyMonitor):
             return
         self._measured_ns = self._clock()
         if self.coil is not None:
-            wrong = self.coil.doubt(self._measured_ns, status.temperature)
-            if wrong is not None:
+            if (wrong := self.coil.doubt(self._measured_ns, status.temperature)) is not None:
                 # the model goes on without it
                 self.fail('temperature', f'temperature: {wrong}')
                 raise DeviceError(wrong)
@@ -480,7 +477,6 @@ class DeviceOwner(SafetyMonitor):
             return
         self._charged = status.ready
         self._apply_temperature(status)
-        fault = fault_of(status, told, self.settings.intensity_tolerance)
-        if fault is not None:
+        if (fault := fault_of(status, told, self.settings.intensity_tolerance)) is not None:
             self.fail(*fault)
             raise DeviceError(fault[1])

@@ -157,7 +157,6 @@ class Trial:
 
     def __init__(self, limiter: PulseLimiter, coil: CoilTemperature | None, since_ns: int) -> None:
         self._limiter, self._coil, self._active_ns = limiter.copy(), copy(coil), since_ns
-        self.limits = limiter.limits
         # a plan has no jitter
         self._limiter.tolerance_ns = 0
         self.waits_s: list[float] = []
@@ -176,13 +175,13 @@ class Trial:
             time_ns, time_s = start_ns + onset_ns, onset_ns / NANOSECONDS_PER_SECOND
             for refusal in limiter.refusals(time_ns, intensity, width_s):
                 yield time_s, refusal
-            if quiet := too_quiet(self.limits, time_ns - self._active_ns):
+            if quiet := too_quiet(limiter.limits, time_ns - self._active_ns):
                 yield time_s, quiet
             if begun and limiter.starts_train(time_ns):
                 self.waits_s.append(limiter.wait_s)
             limiter.book(time_ns, intensity)
             if coil is not None:
-                self.celsius.append(coil.heat(time_ns, self.limits.energy_j(intensity)))
+                self.celsius.append(coil.heat(time_ns, limiter.limits.energy_j(intensity)))
                 if self.celsius[-1] > coil.thermal.cutout:
                     most, found = told_apart(coil.thermal.cutout, self.celsius[-1])
                     fault = f'expected a coil of at most {most} Celsius, got {found} forecast'
@@ -190,5 +189,5 @@ class Trial:
             self._active_ns, begun = time_ns, True
         if begun:
             self.waits_s.append(limiter.wait_s)
-        if quiet := too_quiet(self.limits, start_ns + plan.duration_ns - self._active_ns):
+        if quiet := too_quiet(limiter.limits, start_ns + plan.duration_ns - self._active_ns):
             yield plan.duration_s, quiet

@@ -110,8 +110,7 @@ class LedgerReader:
 
     def _reserve(self, content: Mapping[str, Any]) -> None:
         key = content['batch']
-        pulses = self._pulses(content)
-        if pulses:
+        if pulses := self._pulses(content):
             self.batches[key] = Batch(content, pulses)
         other = content['patient' if self.owner == 'device' else 'device']
         self.partners[other] += 1
@@ -302,8 +301,7 @@ class MemoryLedger:
         with self._writing:
             with self._counting:
                 given = list(self._open if numbers is None else dict.fromkeys(numbers))
-                wrong = [number for number in given if number not in self._open]
-                if wrong:
+                if wrong := [number for number in given if number not in self._open]:
                     fault = f'expected reserved pulses to give back, got numbers {wrong}'
                     raise LedgerError(fault)
                 entries = [self._open.pop(number) for number in given]

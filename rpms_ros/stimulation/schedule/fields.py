@@ -116,8 +116,7 @@ class Bounded:
 
     def __post_init__(self) -> None:
         for entry in fields(self):
-            bound = entry.metadata.get('bound')
-            if bound is not None:
+            if (bound := entry.metadata.get('bound')) is not None:
                 value = bound.read(getattr(self, entry.name), entry.name)
                 object.__setattr__(self, entry.name, value)
 

@@ -46,8 +46,7 @@ class Segment(Bounded, ABC):
     @property
     def length_s(self) -> float:
         """Time from its start to the start of the next segment [s]."""
-        length: float = getattr(self, 'duration_s')  # noqa: B009 - of the subclasses
-        return length
+        return float(getattr(self, 'duration_s'))  # noqa: B009 - of the subclasses
 
     @property
     @abstractmethod
