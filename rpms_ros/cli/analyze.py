@@ -96,13 +96,12 @@ def _joined(sessions: Sequence[Session]) -> Session:
     """Return the sessions as one, each after the other with a pause between."""
     import numpy as np
 
-    trains, traces, start = [], [], 0
+    trains, stamp_ns, start = [], [], 0
     for pulses, forces in sessions:
         stamps = np.concatenate((forces.stamp_ns, pulses.onset_ns))
         shift = start - int(stamps.min(initial=start))
         trains.append(replace(pulses, onset_ns=pulses.onset_ns + shift))
-        traces.append(ForceTrace(forces.stamp_ns + shift, forces.force))
+        stamp_ns.append(forces.stamp_ns + shift)
         start = int(stamps.max(initial=start)) + shift + _PAUSE_NS
-    stamp_ns = np.concatenate([trace.stamp_ns for trace in traces])
-    force = np.concatenate([trace.force for trace in traces])
-    return PulseTrain.joined(trains), ForceTrace(stamp_ns, force)
+    force = np.concatenate([forces.force for _, forces in sessions])
+    return PulseTrain.joined(trains), ForceTrace(np.concatenate(stamp_ns), force)

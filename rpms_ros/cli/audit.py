@@ -54,8 +54,7 @@ def report(path: Path, found: 'Audit') -> list[str]:
     lines = _verdict(path, found)
     if not found.records:
         return lines
-    first = found.records[0].content
-    if first.get('purpose') == 'dose ledger':
+    if found.records[0].content.get('purpose') == 'dose ledger':
         return [*lines, *_ledger(found.records)]
     counts = Counter(str(record.content['kind']) for record in found.records[1:])
     said = ', '.join(f'{printable(kind)} {count}' for kind, count in sorted(counts.items()))
@@ -75,8 +74,7 @@ def _verdict(path: Path, found: 'Audit') -> list[str]:
         lines.append(f'  newest hash  {found.hash}')
     if found.torn:
         lines.append(f'  cut off      {found.torn} bytes at the end: a process was killed')
-    torn = sum(record.content['kind'] == 'torn' for record in found.records)
-    if torn:
+    if torn := sum(record.content['kind'] == 'torn' for record in found.records):
         lines.append(f'  cut off      {torn} times before, and continued')
     return lines
 
@@ -104,8 +102,7 @@ def _ledger(records: 'tuple[Record, ...]') -> list[str]:
             day[0] += len(pulses)
             day[1] += sum(energy for _, _, energy in pulses)
             day[2] += len(unfired)
-    for name, (pulses, energy, back) in days.items():
-        lines.append(
-            f'  {name}   {pulses:g} pulses and {energy:.0f} J reserved, {back:g} pulses given back'
-        )
-    return lines
+    return lines + [
+        f'  {name}   {pulses:g} pulses and {energy:.0f} J reserved, {back:g} pulses given back'
+        for name, (pulses, energy, back) in days.items()
+    ]

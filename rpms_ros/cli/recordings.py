@@ -101,8 +101,7 @@ def as_text(facts: 'RecordingFacts') -> str:
 
 def add_verify(subparsers: Subparsers) -> None:
     """Add `rpms verify`."""
-    summary = 'is a recording whole and unchanged'
-    parser = add_command(subparsers, 'verify', run_verify, summary)
+    parser = add_command(subparsers, 'verify', run_verify, 'is a recording whole and unchanged')
     add_bag(parser)
     text = 'audit log of the driver that gave the pulses'
     add_option(parser, '--audit FILE', None, text, type=Path)

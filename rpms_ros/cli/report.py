@@ -29,8 +29,7 @@ from rpms_ros.report.text import write_text
 
 def add_report(subparsers: Subparsers) -> None:
     """Add `rpms report`."""
-    text = 'a recording as one page'
-    parser = add_command(subparsers, 'report', run, text)
+    parser = add_command(subparsers, 'report', run, 'a recording as one page')
     add_bag(parser)
     add_option(parser, '--out FILE', Path('report.html'), 'page to write', type=Path)
     add_option(parser, '--files DIR', None, 'folder for the figures and report.json', type=Path)
@@ -74,8 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
     title = arguments.title or noted or arguments.bag.resolve().name
     command = shlex.join(['rpms', *sys.argv[1:]]) if sys.argv[1:2] == ['report'] else ''
     compile_estimator(options.build, arguments.quiet)
-    count = len(recording.forces)
-    with progress('identifying', count, 'samples', arguments.quiet) as advance:
+    with progress('identifying', len(recording.forces), 'samples', arguments.quiet) as advance:
         session = identified(recording, options, advance)
     result = result_of(recording, session, arguments.expected_force)
     report = report_of(title, recording, messages, session, result, command)

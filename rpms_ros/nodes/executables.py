@@ -19,8 +19,7 @@ def _run(name: str) -> int:
     except KeyboardInterrupt:
         # importing takes seconds, on a machine that is busy many
         return 0
-    code: int = module.main()
-    return code
+    return int(module.main())
 
 
 identifier = partial(_run, 'identifier')

@@ -162,8 +162,7 @@ def build_estimator(settings: IdentifierParameters) -> Estimator:
         TemporalSummation.of_file(Path(path).expanduser()) if path else None,
     )
     if settings.start_from:
-        earlier = Path(settings.start_from).expanduser()
-        warm_start(estimator, earlier, UNITS[settings.quantity])
+        warm_start(estimator, Path(settings.start_from).expanduser(), UNITS[settings.quantity])
     return estimator
 
 
@@ -351,15 +350,12 @@ class Identifier(NodeOfParts):
         self.stream.add(train, self._trace(forces), _places(forces, pulses))
 
     def _trace(self, forces: list[Taken]) -> ForceTrace:
-        stamps: list[int] = []
-        values: list[float] = []
-        for taken in forces:
-            message = deserialize_message(taken.data, WrenchStamped)
-            stamp_ns, force = messages.force_of(message, self._axis, self.settings.quantity)
-            self._sensor_frame = message.header.frame_id
-            stamps.append(stamp_ns)
-            values.append(force)
-        return ForceTrace(np.array(stamps, dtype=np.int64), np.array(values, dtype=np.float64))
+        heard = [deserialize_message(taken.data, WrenchStamped) for taken in forces]
+        if heard:
+            self._sensor_frame = heard[-1].header.frame_id
+        found = [messages.force_of(one, self._axis, self.settings.quantity) for one in heard]
+        stamp_ns = np.array([stamp for stamp, _ in found], dtype=np.int64)
+        return ForceTrace(stamp_ns, np.array([force for _, force in found], dtype=np.float64))
 
     def _process(self) -> None:
         self._take()
@@ -370,8 +366,7 @@ class Identifier(NodeOfParts):
             self._estimate.publish(message)
             if estimate.disturbance_deviation > 0.0:
                 stamp_ns, value = estimate.stamp_ns, estimate.disturbance
-                frame_id, quantity = self._sensor_frame, self.settings.quantity
-                sensor = self._axis, MESSAGE_TYPES, frame_id, quantity
+                sensor = self._axis, MESSAGE_TYPES, self._sensor_frame, self.settings.quantity
                 self._disturbance.publish(messages.force_message(stamp_ns, value, *sensor))
 
     def _say_doubts(self) -> None:

@@ -117,8 +117,7 @@ class OperatorClient:
     def confirm(self) -> Future:
         """Arm: second step; the enable has to be held, and a heartbeat to have been heard."""
         request = ConfirmArming.Request(operator_id=self.operator, token=self.token)
-        future: Future = self._confirm.call_async(request)
-        return future
+        return self._confirm.call_async(request)
 
     def start(self, schedule: Schedule) -> Future:
         """Send a schedule as this operator."""

@@ -23,6 +23,7 @@ import dataclasses
 import difflib
 import math
 from dataclasses import dataclass
+from itertools import filterfalse
 from typing import Any, NamedTuple, TypeVar
 
 from rcl_interfaces.msg import ParameterDescriptor
@@ -197,10 +198,8 @@ def declare_parameters(
 
 def _warn_of_unknown(node: Node, given: dict[str, Parameter], known: list[str]) -> None:
     """Warn of unknown names; raise `NodeError` for one that is much like a `known` one."""
-    for name in given:
-        # A file may hold parameters of several nodes, so this alone is not an error.
-        if node.has_parameter(name):
-            continue
+    # A file may hold parameters of several nodes, so this alone is not an error.
+    for name in filterfalse(node.has_parameter, given):
         for meant in difflib.get_close_matches(name, known, 1, _ALIKE):
             raise NodeError(f'expected a parameter of {node.get_name()} as {meant}, got {name}')
         logger_of(node).warning(f'parameter {name} is unknown here and ignored')
