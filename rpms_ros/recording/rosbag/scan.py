@@ -6,7 +6,7 @@ A recording is a folder with metadata.yaml, one without, or a file by itself.
 """
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -216,13 +216,10 @@ def _found(path: Path, findings: Findings) -> tuple[list[Path], dict[str, Any]]:
         for one in itertools.filterfalse(_is_storage, listed):
             findings.add('missing_file', f'{one.name} is named in {METADATA} but not there')
         # Part 2 before part 10; what is packed beside itself is one file.
-        names = sorted(filter(_is_storage, path.iterdir()), key=lambda one: (len(one.name), one))
-        found = [one for one in names if one.with_name(one.name + _PACKED_SUFFIX) not in names]
-        paths = [*filter(_is_storage, listed)] or found
-        known = {one.name.removesuffix(_PACKED_SUFFIX) for one in paths}
-        for one in found:
-            if one.name.removesuffix(_PACKED_SUFFIX) not in known:
-                findings.add('unlisted_file', f'{one.name} is not named in {METADATA}: left out')
+        found = _by_name(filter(_is_storage, path.iterdir()))
+        paths = [*filter(_is_storage, listed)] or [*found.values()]
+        for name in found.keys() - _by_name(paths).keys():
+            findings.add('unlisted_file', f'{name} is not named in {METADATA}: left out')
     elif paths:
         # Of the metadata beside a file only the notes, and only if they are its own.
         beside = read_metadata(path.with_name(METADATA), Findings())
@@ -235,6 +232,16 @@ def _found(path: Path, findings: Findings) -> tuple[list[Path], dict[str, Any]]:
             other = '; `rpms import` makes a recording of a table or of a file of other software'
         raise RecordingError(f'expected .mcap or .db3 files at {path}, got none{other}')
     return paths, metadata
+
+
+def _by_name(files: Iterable[Path]) -> dict[str, Path]:
+    """Return storage files by their names, part 2 before part 10; one that is packed too once."""
+
+    def place(one: Path) -> tuple[int, str, int]:
+        name = one.name.removesuffix(_PACKED_SUFFIX)
+        return len(name), name, -len(one.name)
+
+    return {place(one)[1]: one for one in sorted(files, key=place)}
 
 
 def _is_storage(path: Path) -> bool:
