@@ -91,8 +91,7 @@ def settled(stamp_ns: IntArray) -> BoolArray:
     elapsed = np.zeros_like(stamp_ns)
     np.cumsum(np.maximum(np.diff(stamp_ns), 0), out=elapsed[1:])
     least = min(SETTLING_TIME * NANOSECONDS_PER_SECOND, 0.5 * float(elapsed[-1]))
-    late: BoolArray = elapsed >= least
-    return late
+    return elapsed >= least
 
 
 # Longer than any recording [s].
@@ -132,8 +131,7 @@ class IdentifiedSession:
         """Which samples (samples,) are usable and later than all before them."""
         stamps = self.stamp_ns
         newer = np.concatenate(([True], stamps[1:] > np.maximum.accumulate(stamps)[:-1]))
-        part: BoolArray = self.usable & newer
-        return part
+        return self.usable & newer
 
     @property
     def shown_prediction(self) -> FloatArray:

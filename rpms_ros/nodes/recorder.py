@@ -170,8 +170,7 @@ class Recorder(NodeOfParts):
         self._diagnostics = DiagnosticsPublisher(
             self, 'recording', f'recording {self.path.resolve()}'
         )
-        for name in self.counts:
-            kind, profile = _TOPICS[name]
+        for name, (kind, profile) in _TOPICS.items():
             self._topics[name] = _Topic(name, kind, QueuedTopic(self, second, kind, name, profile))
         every(self, _LISTENING_PERIOD, self._take)
         every(self, FLUSH_PERIOD_S, self._flush)

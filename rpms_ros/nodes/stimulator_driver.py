@@ -94,8 +94,7 @@ class StimulatorDriver(LifecycleNode):
         if self.get_parameter(_SIMULATED_TIME).value:
             raise NodeError(_BY_THE_CLOCK)
         # a misspelt limit must not count as one that was left out
-        self.settings = declare_parameters(self, DriverParameters, refuse_misspelt=True)
-        settings = self.settings
+        self.settings = settings = declare_parameters(self, DriverParameters, refuse_misspelt=True)
         self._session = session_of(settings)
         ledger = ledger_of(settings, self._session)
         self._parts.callback(ledger.close)

@@ -733,8 +733,7 @@ class TrackingEstimator(ProjectionEstimator):
             theta = self._window.point.theta[: SUMMATION.start]
             rho = recruitment_curve(np.append(strength, 1.0), theta)[0]
             strength = rho[:-1] / rho[-1]
-        acting_ns: IntArray = blocks.start_ns[order][strength > least]
-        return acting_ns
+        return np.compress(strength > least, blocks.start_ns[order])
 
     def _slide(self) -> None:
         """Drop blocks before the window, except those that advance its first state."""

@@ -80,8 +80,7 @@ class Tremor:
         if self.frequency == 0.0:
             return np.zeros(len(stamp_ns))
         wave = waves(self.frequency, seconds(stamp_ns - self._newest * _BIN_NS))
-        force: FloatArray = self._cosine * wave[:, 0] + self._sine * wave[:, 1]
-        return force
+        return self._cosine * wave[:, 0] + self._sine * wave[:, 1]
 
     def add(
         self, stamp_ns: IntArray, force: FloatArray, muscle: FloatArray, usable: BoolArray
@@ -208,8 +207,7 @@ def _power(error: FloatArray, filled: BoolArray) -> FloatArray:
     weight = np.hanning(len(error)) * filled
     trend = polynomials(time, 4) * weight[:, None]
     known = trend @ np.linalg.lstsq(trend, error * weight, rcond=None)[0]
-    power: FloatArray = np.abs(np.fft.rfft(error * weight - known)[_BAND]) ** 2
-    return power
+    return np.abs(np.fft.rfft(error * weight - known)[_BAND]) ** 2
 
 
 def _line(power: FloatArray, rates_hz: FloatArray, known: bool) -> float:

@@ -176,8 +176,8 @@ def verdict_of(
     found = simulated_fit(session.last, pulses, session.stamp_ns[part], session.force[part])
     span = float(np.ptp(session.force[session.usable]))
     reasons += _of_the_estimate(session.last, found, span)
-    hint = '' if session.last.rate_names else _HINT
-    reasons += _of_the_fit(session, pulses, part, found, hint)
+    reasons += _of_the_fit(session, part, found, span)
+    reasons += _of_the_end(session, pulses, span)
     reasons += _of_the_estimator(session, pulses, found.explained >= _GOOD_EXPLAINED)
     # without a curve the force is explained at one intensity only
     scope = '' if session.last.curve_known else f'{_DYNAMICS_ONLY}; '
@@ -223,16 +223,14 @@ def _looked_at(session: IdentifiedSession, pulses: PulseTrain) -> BoolArray:
     span_ns = _SPAN_NS // 2 if session.last.rate_names else _SPAN_NS
     if end - begin > 1.5 * span_ns:
         begin = end - span_ns
-    part: BoolArray = session.in_order & (stamps >= begin) & (stamps <= end)
-    return part
+    return session.in_order & (stamps >= begin) & (stamps <= end)
 
 
 def _of_the_fit(
-    session: IdentifiedSession, pulses: PulseTrain, part: BoolArray, found: SimulatedFit, hint: str
+    session: IdentifiedSession, part: BoolArray, found: SimulatedFit, span: float
 ) -> Iterator[Reason]:
     """Yield reasons from residual, held-out error and baseline."""
     force, stamps = session.force, session.stamp_ns
-    span = float(np.ptp(force[session.usable]))
     late = part & np.isfinite(session.shown_prediction)
     judged = slice(int(np.flatnonzero(part)[-1]) + 1)
     late[judged] &= settled(stamps[judged])
@@ -244,6 +242,7 @@ def _of_the_fit(
     error = min(error, found.error)
     slow = max(error**2 - white_noise(force[late]) ** 2, 0.0) ** 0.5 if error else 0.0
     if slow > _LARGEST_RESIDUAL * span:
+        hint = '' if session.last.rate_names else _HINT
         text = (
             f'the residual is not white: {slow:.2g} {session.last.unit} of it, '
             f'{100 * slow / span:.2g} % of the range of the force, is no noise of the sensor{hint}'
@@ -253,7 +252,6 @@ def _of_the_fit(
     if abs(found.slope) * seconds > _LARGEST_DRIFT * span:
         a_minute = f'{60 * found.slope:.2g} {session.last.unit} a minute'
         yield DOUBTFUL, f'the baseline drifts by {a_minute}'
-    yield from _of_the_end(session, pulses, span)
 
 
 def _of_the_end(session: IdentifiedSession, pulses: PulseTrain, span: float) -> Iterator[Reason]:

@@ -248,11 +248,9 @@ def _force(file: SignalFile, signals: Sequence[Signal]) -> str:
     in_newtons = [one for one in signals if _has_force_unit(one)]
     named = [one for one in signals if _FORCE.search(one.name)]
     both = [one for one in in_newtons if one in named]
-    for chosen in (both, in_newtons, named, signals):
-        if len(chosen) == 1:
-            return chosen[0].name
-        if chosen:
-            break
+    chosen = both or in_newtons or named or signals
+    if len(chosen) == 1:
+        return chosen[0].name
     found = ', '.join(repr(one.name) for one in chosen) or 'none'
     raise Ambiguous(
         f'expected one signal that is the force in {file.path}, got {found}: --force COL decides'
@@ -283,15 +281,11 @@ def _pulse(file: SignalFile, sampled: Sequence[Signal], lists: Sequence[str]) ->
     gates = [one.name for one in sampled if has_two_levels(one)]
     forces = {one.name for one in sampled if _has_force_unit(one)}
     others = [name for name in gates if name not in forces and not _FORCE.search(name)] + short
-    for chosen in (named, events, others):
-        if len(chosen) == 1:
-            return chosen[0]
-        for likely in (gates, short):
-            both = [name for name in chosen if name in likely]
-            if len(both) == 1 and len(chosen) > 1:
-                return both[0]
-        if chosen:
-            break
+    chosen = named or events or others
+    for likely in (chosen, gates, short):
+        both = [name for name in chosen if name in likely]
+        if len(both) == 1:
+            return both[0]
     found = ', '.join(map(repr, chosen)) or 'none'
     raise Ambiguous(
         f'expected one gate, trigger or list of pulses in {file.path}, got {found}: '

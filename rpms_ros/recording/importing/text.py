@@ -209,12 +209,11 @@ def _has_point(cell: str) -> bool:
 
 def _refuse_thousands(path: Path, cells: Sequence[str]) -> None:
     """Refuse a table with marks between thousands: 1.000 would be read as one."""
-    for cell in cells:
-        if _THOUSANDS.match(cell):
-            raise RecordingError(
-                f'expected numbers without marks between thousands in {path}, got {cell!r}; '
-                'export it without them'
-            )
+    for cell in filter(_THOUSANDS.match, cells):
+        raise RecordingError(
+            f'expected numbers without marks between thousands in {path}, got {cell!r}; '
+            'export it without them'
+        )
 
 
 def number(cell: str, comma: bool) -> float | None:

@@ -410,9 +410,8 @@ def read_signals(path: Path, block: int | None = None, sheet: str | None = None)
     except OSError as error:
         raise RecordingError(f'expected a file at {path}, got {error}') from error
     _refuse_bomb(path)
-    known: Callable[[Path], SignalFile] | None = None
     if head.startswith(_ZIP):
-        known = partial(read_excel, sheet=sheet)
+        known: Callable[[Path], SignalFile] = partial(read_excel, sheet=sheet)
     elif sheet is not None:
         raise RecordingError(f'expected a workbook with --sheet, got {path}')
     elif _HDF5 in head:
@@ -424,7 +423,7 @@ def read_signals(path: Path, block: int | None = None, sheet: str | None = None)
         known = read_xdf
     elif head.startswith(_MATLAB) or path.suffix.lower() == '.mat':
         known = read_matlab
-    if known is None:
+    else:
         return read_text(path, block)
     if block is not None:
         raise RecordingError(f'expected a LabChart file with --block, got {path}')
