@@ -64,7 +64,7 @@ def schedule_of(message: Any) -> Schedule:
     values = {'seed': message.seed}
     if message.width_s:
         values['width_s'] = message.width_s
-    items = _items(entries, 0, len(entries), 0)
+    items = tuple(_items(entries, 0, len(entries), 0))
     return build(Schedule, values, '', items, name=message.name or 'schedule')
 
 
@@ -78,14 +78,15 @@ def schedule_message(schedule: Schedule, types: MessageTypes) -> Any:
     )
 
 
-def _items(entries: Sequence[Entry], start: int, stop: int, depth: int) -> Items:
-    items: list[Segment | Repeat] = []
+def _items(
+    entries: Sequence[Entry], start: int, stop: int, depth: int
+) -> Iterator[Segment | Repeat]:
     index = start
     while index < stop:
         entry, place = entries[index], f'segments[{index}]'
         index += 1
         if entry['kind'] != 'repeat':
-            items.append(segment_from_mapping(entry, place))
+            yield segment_from_mapping(entry, place)
             continue
         if depth >= DEEPEST_REPEAT:
             fault = f'expected at most {DEEPEST_REPEAT} repeats in one another'
@@ -97,10 +98,9 @@ def _items(entries: Sequence[Entry], start: int, stop: int, depth: int) -> Items
                 f'expected a whole number from 1 to the {stop - index} entries that follow here, '
                 f'got {entry["length"]}',
             )
-        inner = _items(entries, index, end, depth + 1)
-        items.append(build(Repeat, entry, place, inner, also=('kind', 'length')))
+        inner = tuple(_items(entries, index, end, depth + 1))
+        yield build(Repeat, entry, place, inner, also=('kind', 'length'))
         index = end
-    return tuple(items)
 
 
 def _entry(message: Any, place: str) -> Entry:

@@ -5,6 +5,7 @@
 import argparse
 import json
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -51,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def report(path: Path, found: 'Audit') -> list[str]:
     """Return what a person wants to know, line by line."""
-    lines = _verdict(path, found)
+    lines = list(_verdict(path, found))
     if not found.records:
         return lines
     if found.records[0].content.get('purpose') == 'dose ledger':
@@ -62,21 +63,20 @@ def report(path: Path, found: 'Audit') -> list[str]:
     return [*lines, *map(_line, found.records[1:])]
 
 
-def _verdict(path: Path, found: 'Audit') -> list[str]:
+def _verdict(path: Path, found: 'Audit') -> Iterator[str]:
     verdict = 'BROKEN' if found.fault else 'whole'
-    lines = [f'{path}: {len(found.records)} records, {verdict}']
+    yield f'{path}: {len(found.records)} records, {verdict}'
     if found.fault:
-        lines.append(f'  first broken {found.fault}')
-        lines.append('               nothing from there on can be trusted')
+        yield f'  first broken {found.fault}'
+        yield '               nothing from there on can be trusted'
     if found.records:
         times = [str(record.content['time']) for record in (found.records[0], found.records[-1])]
-        lines.append(f'  time         {times[0]} to {times[1]}')
-        lines.append(f'  newest hash  {found.hash}')
+        yield f'  time         {times[0]} to {times[1]}'
+        yield f'  newest hash  {found.hash}'
     if found.torn:
-        lines.append(f'  cut off      {found.torn} bytes at the end: a process was killed')
+        yield f'  cut off      {found.torn} bytes at the end: a process was killed'
     if torn := sum(record.content['kind'] == 'torn' for record in found.records):
-        lines.append(f'  cut off      {torn} times before, and continued')
-    return lines
+        yield f'  cut off      {torn} times before, and continued'
 
 
 def _line(record: 'Record') -> str:
@@ -91,9 +91,9 @@ def _line(record: 'Record') -> str:
     return f'  {time[11:]}  {printable(str(content["kind"])):<12} {said}'
 
 
-def _ledger(records: 'tuple[Record, ...]') -> list[str]:
+def _ledger(records: 'tuple[Record, ...]') -> Iterator[str]:
     first = records[0].content
-    lines = [f'  ledger       of {first["owner"]} {first["name"]}']
+    yield f'  ledger       of {first["owner"]} {first["name"]}'
     days: dict[str, list[float]] = {}
     for record in records:
         pulses, unfired = record.content.get('pulses', ()), record.content.get('unfired', ())
@@ -102,7 +102,6 @@ def _ledger(records: 'tuple[Record, ...]') -> list[str]:
             day[0] += len(pulses)
             day[1] += sum(energy for _, _, energy in pulses)
             day[2] += len(unfired)
-    return lines + [
-        f'  {name}   {pulses:g} pulses and {energy:.0f} J reserved, {back:g} pulses given back'
-        for name, (pulses, energy, back) in days.items()
-    ]
+    for name, (pulses, energy, back) in days.items():
+        reserved = f'{pulses:g} pulses and {energy:.0f} J reserved'
+        yield f'  {name}   {reserved}, {back:g} pulses given back'

@@ -95,8 +95,7 @@ def as_text(facts: 'RecordingFacts') -> str:
     warnings = [('warning', remark) for remark in facts.remarks]
     notes = noted([*facts.custom.items(), *told, *warnings])
     head = f'{printable(str(facts.path))}  ({facts.storage})'
-    parts = (head, textwrap.indent(topics, '  '), notes)
-    return '\n'.join(part for part in parts if part)
+    return '\n'.join(filter(None, (head, textwrap.indent(topics, '  '), notes)))
 
 
 def add_verify(subparsers: Subparsers) -> None:

@@ -5,6 +5,7 @@
 import argparse
 import json
 import os
+from collections.abc import Iterator
 from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -155,20 +156,18 @@ def report(
     specification: 'DeviceSpecification',
     ahead: 'Forecast',
     patient: 'Patient | None' = None,
-) -> list[str]:
-    """Return what a person wants to know, line by line."""
+) -> Iterator[str]:
+    """Yield what a person wants to know, line by line."""
     verdict = 'deliverable' if ahead.deliverable else 'NOT deliverable'
     continuous = specification.limits.continuous_power_w
     whom = f' for patient {patient.identifier}' if patient is not None else ''
-    lines = [
-        f'{schedule.name} on {specification.name}{whom}: {verdict}',
-        f'  pulses       {ahead.pulses} in {ahead.duration_s:g} s, {ahead.max_rate_hz:.4g} Hz',
-        f'  energy       {ahead.energy_j:,.0f} J',
-        f'  mean power   {ahead.mean_power_w:,.0f} W, {continuous:g} W can go on for ever',
-        f'  waits        {_waits(ahead.waits_s)}',
-    ]
+    yield f'{schedule.name} on {specification.name}{whom}: {verdict}'
+    yield f'  pulses       {ahead.pulses} in {ahead.duration_s:g} s, {ahead.max_rate_hz:.4g} Hz'
+    yield f'  energy       {ahead.energy_j:,.0f} J'
+    yield f'  mean power   {ahead.mean_power_w:,.0f} W, {continuous:g} W can go on for ever'
+    yield f'  waits        {_waits(ahead.waits_s)}'
     if ahead.highest_temperature is not None and specification.thermal is not None:
-        lines.append(
+        yield (
             f'  temperature  {ahead.highest_temperature:.1f} Celsius at most, '
             f'cut-out {specification.thermal.cutout:g} '
             f'(model, started at {specification.thermal.ambient:g})'
@@ -178,16 +177,13 @@ def report(
         given = f'{ahead.pulses} of {dose.pulses} pulses'
         energy = f'{ahead.energy_j:,.0f} of {dose.energy_j:,.0f} J in {dose.window_h:g} h'
         many = f'{int(above.sum())} of {ahead.pulses} pulses'
-        lines += [
-            f'  dose         {given}, {energy}, without what was given before',
-            f'  threshold    {many} above the motor threshold {patient.motor_threshold:g}',
-        ]
+        yield f'  dose         {given}, {energy}, without what was given before'
+        yield f'  threshold    {many} above the motor threshold {patient.motor_threshold:g}'
     elif not specification.simulated_only:
-        lines.append("  patient      none: the device's limits alone")
+        yield "  patient      none: the device's limits alone"
     for found in ahead.violations:
-        where = f'    first at {found.time_s:.4g} s, {counted(found.pulses, "pulse")}'
-        lines += [f'  {found.limit}: {found.reason}', where]
-    return lines
+        yield f'  {found.limit}: {found.reason}'
+        yield f'    first at {found.time_s:.4g} s, {counted(found.pulses, "pulse")}'
 
 
 def _waits(waits: tuple[float, ...]) -> str:

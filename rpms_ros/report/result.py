@@ -5,7 +5,7 @@
 Its dataclasses are also what the report of a session and `rpms_ros.api` show.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -434,28 +434,25 @@ def _if_any(values: FloatArray) -> FloatArray | None:
     return values if len(values) else None
 
 
-def result_rows(result: IdentificationResult) -> list[tuple[str, str]]:
-    """Return the result for people as labels and texts, the verdict first."""
+def result_rows(result: IdentificationResult) -> Iterator[tuple[str, str]]:
+    """Yield the result for people as labels and texts, the verdict first."""
     first, *others = result.verdict.reasons
     counts = f'{counted(result.samples, "sample")}, {counted(result.pulses, "pulse")}'
-    rows = [
-        ('verdict', f'{result.verdict.grade}: {first}'),
-        *(('', reason) for reason in others),
-        ('estimator', FOLLOWED if FOLLOWED in result.notes else result.estimator),
-        ('data', f'{counts}, {result.duration_s:.3f} s'),
-        ('session hash', result.session_hash),
-        *(('schedule', f'{one.name}, sha256 {one.sha256}') for one in result.schedules),
-    ]
+    yield 'verdict', f'{result.verdict.grade}: {first}'
+    yield from (('', reason) for reason in others)
+    yield 'estimator', FOLLOWED if FOLLOWED in result.notes else result.estimator
+    yield 'data', f'{counts}, {result.duration_s:.3f} s'
+    yield 'session hash', result.session_hash
+    yield from (('schedule', f'{one.name}, sha256 {one.sha256}') for one in result.schedules)
     # What must not be used is not there to be copied.
     if result.verdict.grade != 'no':
-        rows += _found(result)
+        yield from _found(result)
         if result.steadiness is not None:
-            rows.append(('the muscle', result.steadiness))
+            yield 'the muscle', result.steadiness
     if result.dynamics is None:
-        rows.append(('prediction error', _output_error(result)))
+        yield 'prediction error', _output_error(result)
     faults = (f'{name} {count}' for name, count in result.faults.items())
-    rows.append(('faults', ', '.join(faults) or 'none'))
-    return rows
+    yield 'faults', ', '.join(faults) or 'none'
 
 
 def _found(result: IdentificationResult) -> list[tuple[str, str]]:
@@ -474,7 +471,7 @@ def _found(result: IdentificationResult) -> list[tuple[str, str]]:
             rows.append((what, f'{force} at intensity {share:g}'))
             what = ''
     if result.dynamics is not None:
-        return rows + train_rows(result.dynamics, unit)
+        return [*rows, *train_rows(result.dynamics, unit)]
     for name, one in (result.physiology or {}).items():
         rows.append((label(name), shown(name, vars(one), unit)))
     response = result.impulse_response
@@ -484,8 +481,8 @@ def _found(result: IdentificationResult) -> list[tuple[str, str]]:
     return [*rows, ('', NOT_A_TWITCH)] if result.is_no_twitch else rows
 
 
-def train_rows(found: TrainDynamics, unit: str) -> list[tuple[str, str]]:
-    """Return the rows of trains of one intensity."""
+def train_rows(found: TrainDynamics, unit: str) -> Iterator[tuple[str, str]]:
+    """Yield the rows of trains of one intensity."""
     onset, model = found.onset_s, found.model
     trains = f'{found.trains} with {found.pulses} pulses at {found.rate_hz:.4g} Hz'
     fits = {
@@ -495,17 +492,14 @@ def train_rows(found: TrainDynamics, unit: str) -> list[tuple[str, str]]:
     }
     fit = ', '.join(f'{name} {percent:.1f} %' for name, percent in fits.items())
     constant = _milliseconds(found.twitch_time_constant_s)
-    rows = [
-        ('trains', f'{trains}, peak {found.peak_force:.4g} {unit}'),
-        (f'onset of {QUANTITIES[unit]}', _milliseconds(onset) if onset else 'hidden by noise'),
-        (f'T_a, {model}', f'{constant}, order {found.order}'),
-        (f'delay of the model, {model}', _milliseconds(found.latency_s)),
-        ('fit', f'{fit} (100 (1 - |residual| / |force - mean|))'),
-    ]
+    yield 'trains', f'{trains}, peak {found.peak_force:.4g} {unit}'
+    yield f'onset of {QUANTITIES[unit]}', _milliseconds(onset) if onset else 'hidden by noise'
+    yield f'T_a, {model}', f'{constant}, order {found.order}'
+    yield f'delay of the model, {model}', _milliseconds(found.latency_s)
+    yield 'fit', f'{fit} (100 (1 - |residual| / |force - mean|))'
     if found.law:
         numbers = (f'{name} {value:.3g}' for name, value in vars(found.law).items())
-        rows.append(('history law', '  '.join(numbers)))
-    return rows
+        yield 'history law', '  '.join(numbers)
 
 
 def _milliseconds(found: object) -> str:

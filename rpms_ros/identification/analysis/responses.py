@@ -11,7 +11,7 @@ stimulator and sensor.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from itertools import pairwise
@@ -245,25 +245,23 @@ def _saturated(force: FloatArray) -> BoolArray:
     return result
 
 
-def _rate_findings(stamps: IntArray) -> list[str]:
-    """Return a sentence for each change of the sample rate."""
+def _rate_findings(stamps: IntArray) -> Iterator[str]:
+    """Yield a sentence for each change of the sample rate."""
     interval = np.diff(stamps) / NANOSECONDS_PER_SECOND
     whole = len(interval) // _RATE_BLOCK * _RATE_BLOCK
     local = np.median(interval[:whole].reshape(-1, _RATE_BLOCK), axis=1)
     if not len(local):
-        return []
-    findings = []
+        return
     current = local[0]
     for block, value in enumerate(local):
         steady = block + 1 == len(local) or abs(local[block + 1] / value - 1.0) < _RATE_CHANGE
         if abs(value / current - 1.0) > _RATE_CHANGE and steady:
             moment = (stamps[block * _RATE_BLOCK] - stamps[0]) / NANOSECONDS_PER_SECOND
-            findings.append(
+            yield (
                 f'the sample rate changes from {1 / current:.0f} to {1 / value:.0f} Hz at '
                 f'{moment:.1f} s; fits use the true time of every sample'
             )
             current = value
-    return findings
 
 
 # Orders of the twitch that are compared (Eq. 2).

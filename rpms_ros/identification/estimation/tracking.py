@@ -13,7 +13,7 @@ data are cut.
 
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -183,29 +183,27 @@ def _force_at(point: Point, time: float, area: FloatArray) -> FloatArray:
 
 def _reasons(
     estimate: Estimate, fit: WindowFit, deliberating: bool, tremor: Tremor, hindsight: float
-) -> tuple[str, ...]:
-    """Return why intervals are wide or samples are not learnt from, as sentences.
+) -> Iterator[str]:
+    """Yield why intervals are wide or samples are not learnt from, as sentences.
 
     `hindsight` is by how much the last steady forces were wrong, as a share of the largest.
     """
-    found = []
     if deliberating:
-        found.append('the newest samples do not fit the muscle; looking for what has changed')
+        yield 'the newest samples do not fit the muscle; looking for what has changed'
     if tremor.frequency:
         # without a unit: an estimator is not told whether it is a force or a torque
-        found.append(
+        yield (
             f'a tremor of {tremor.frequency:.1f} Hz with an amplitude of '
             f'{tremor.amplitude:.2g} is taken off'
         )
     if fit.scales.lively > _LIVELY:
-        found.append('a lively disturbance cannot be told from the muscle everywhere')
+        yield 'a lively disturbance cannot be told from the muscle everywhere'
     if estimate.curve_known and len(estimate.curve_upper):
         width = float(np.max(estimate.curve_upper - estimate.curve_lower))
         if width > 2.0 * _WIDE * float(np.max(np.abs(estimate.curve_force))):
-            found.append('the pulses so far do not tell the recruitment curve')
+            yield 'the pulses so far do not tell the recruitment curve'
     if hindsight > _WRONG:
-        found.append('the last estimates were wrong by more than their intervals')
-    return tuple(found)
+        yield 'the last estimates were wrong by more than their intervals'
 
 
 # What was said once in each of so many seconds is held against what is known of that time now; so
@@ -480,7 +478,7 @@ class TrackingEstimator(ProjectionEstimator):
             change_ago=np.array([1e-9 * (stamp_ns - one.stamp_ns) for one in watch.found]),
             disturbance=float(fit.levels[-1]) - rest,
             disturbance_deviation=math.hypot(fit.level_deviation, slope * min(behind, 4.0)),
-            reasons=_reasons(estimate, fit, watch.deliberating, self._tremor, wrong),
+            reasons=tuple(_reasons(estimate, fit, watch.deliberating, self._tremor, wrong)),
         )
         # alike, and more than the model's own error
         alike = fit.residuals_alike and fit.misfit * fit.weighting_variance > 0.5 * fit.variance
