@@ -50,12 +50,8 @@ class ForceBins:
     """
 
     def __init__(self) -> None:
-        self.epoch = 0
-        self.not_finite = 0
-        self.stray = 0
-        self.origin = 0
-        self.newest = -1
-        self._open = -1
+        self.epoch = self.not_finite = self.stray = self.origin = 0
+        self.newest = self._open = -1
         self._low = self._high = 0.0
         self._strays = (0, 0)
         self._begun = False

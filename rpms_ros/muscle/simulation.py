@@ -230,8 +230,7 @@ class SampledPlant:
         self._surroundings = surroundings
         # A fraction keeps the sampling grid exact, however long the session is.
         self._period_ns = NANOSECONDS_PER_SECOND / Fraction(rate)
-        self._first_ns = 0
-        self._produced = 0
+        self._first_ns = self._produced = 0
         self._recent: list[Pulse] = []
         self.faults: Counter[str] = Counter()
 

@@ -102,13 +102,9 @@ class BatchEstimator(ProjectionEstimator):
         super().__init__(settings, rate_hz)
         self.unexplained = np.empty((0, 2))
         self._origin_ns: int | None = None
-        self._last_ns = 0
-        self._due_ns = 0
+        self._last_ns = self._due_ns = self._compared_ns = self._shift_ns = 0
         self._interval_ns = _FIRST_FIT_NS
-        self._fitted_samples = 0
-        self._searches = 0
-        self._compared_ns = 0
-        self._shift_ns = 0
+        self._fitted_samples = self._searches = 0
         self._jumped = False
 
     def add_pulses(self, onset_ns: IntArray, intensity: FloatArray) -> None:

@@ -106,9 +106,7 @@ class Estimate:
     damping: float = 0.0
     condition_number: float = 0.0
     nonlinear_covariance: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
-    nonlinear_identifiability: IntArray = field(
-        default_factory=lambda: np.empty(0, dtype=np.int64)
-    )
+    nonlinear_identifiability: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
     curve_lower: FloatArray = field(default_factory=_empty)
     curve_upper: FloatArray = field(default_factory=_empty)
     response_lower: FloatArray = field(default_factory=_empty)

@@ -317,9 +317,7 @@ class IdentificationStream:
         self._block: int | None = None
         self._finished: list[Estimate] = []
         self._predictor = estimator if isinstance(estimator, PredictingEstimator) else None
-        self._last_ns = 0
-        self._samples = 0
-        self._cells = 0
+        self._last_ns = self._samples = self._cells = 0
         self._acting_ns = np.empty(0, dtype=np.int64)
         self._misfit = ResponseMisfit()
 
