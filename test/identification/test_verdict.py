@@ -257,6 +257,15 @@ def test_some_invalid_intensities_are_named_as_the_cause(trial):
     assert not any(text.startswith('samples_excluded') for text in verdict.reasons)
 
 
+def test_what_left_no_force_is_named(trial):
+    pulses, forces = trial
+    blocks = ForceTrace(forces.stamp_ns - forces.stamp_ns % 5_000_000, forces.force)
+    verdict = judged((pulses, blocks))
+    assert verdict.grade == 'no'
+    nothing = 'there is no force to judge by while pulses act: force_conflict '
+    assert verdict.reasons[0].startswith(nothing), verdict.line
+
+
 @pytest.mark.parametrize('count', [1, 20 * SECONDS])
 def test_a_good_verdict_on_one_intensity_is_one_on_the_dynamics(count):
     verdict = judged(simulated(np.full(count, 0.8)))

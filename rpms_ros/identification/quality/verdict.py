@@ -22,6 +22,7 @@ from rpms_ros.identification.offline import IdentifiedSession, settled
 from rpms_ros.identification.quality.doubts import (
     CLOCKS_DIFFER,
     FORCE_UNEXPLAINED,
+    MEANING,
     NO_CONSTANT_MUSCLE,
     OF_TIME,
     PULSE_INTENSITY_INVALID,
@@ -170,8 +171,13 @@ def verdict_of(
     part = _looked_at(session, pulses)
     if np.count_nonzero(part) < 3:
         nothing = 'there is no force to judge by while pulses act'
-        if session.last.faults.get(PULSE_INTENSITY_INVALID):
+        faults = session.last.faults
+        # excluded samples follow from another fault, if there is one
+        often = sorted(faults, key=lambda name: (name == SAMPLES_EXCLUDED, -faults[name]))
+        if faults.get(PULSE_INTENSITY_INVALID):
             nothing += f': {invalid_intensities(pulses)}'
+        elif often:
+            nothing += f': {often[0]} {faults[often[0]]}, {MEANING.get(often[0], often[0])}'
         return of_reasons([*reasons, (NO, nothing)], '')
     found = simulated_fit(session.last, pulses, session.stamp_ns[part], session.force[part])
     span = float(np.ptp(session.force[session.usable]))
