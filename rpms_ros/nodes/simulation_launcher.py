@@ -97,8 +97,10 @@ class Monitor(Node):
         self.truths = [estimate_messages.truth_of(message)]
 
     def _on_status(self, message: DriverStatus) -> None:
-        self.status = message
-        self.has_run |= message.state == DriverStatus.RUNNING
+        # what it says when it is ended afterwards is not how the schedule ended
+        if not self.done:
+            self.status = message
+            self.has_run |= message.state == DriverStatus.RUNNING
 
 
 class SimulationLauncher:

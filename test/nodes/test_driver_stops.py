@@ -17,6 +17,7 @@ from rpms_msgs.action import RunSchedule
 from rpms_msgs.msg import DriverStatus, Pulse
 from rpms_ros.nodes.common import qos, topics
 from rpms_ros.nodes.common.runner import ENDING, name_of
+from rpms_ros.nodes.simulation_launcher import Monitor
 from rpms_ros.stimulation import constant
 from rpms_ros.stimulation.devices import simulated
 from rpms_ros.stimulation.records.append_only import verify_log
@@ -282,6 +283,13 @@ def test_a_signal_disarms_and_ends_the_driver(graph, python, tmp_path, schedule_
     assert reasons == [content['reason'] for content in stops if content['kind'] == 'stop']
     assert statuses[-1].state == DriverStatus.STOPPED
     assert statuses[-1].reason == reasons[0]
+
+
+def test_what_a_driver_says_when_it_is_ended_is_not_how_its_schedule_ended(graph):
+    monitor = graph.add(Monitor)
+    for state in (DriverStatus.RUNNING, DriverStatus.DISARMED, DriverStatus.STOPPED):
+        monitor._on_status(DriverStatus(state=state, reason=str(state)))
+    assert (monitor.status.state, monitor.broken_off) == (DriverStatus.DISARMED, '')
 
 
 def test_every_signal_that_ends_a_process_and_can_be_caught_is():
