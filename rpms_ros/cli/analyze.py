@@ -69,15 +69,16 @@ def run(arguments: argparse.Namespace) -> int:
     with progress('analysing', None, 'responses', arguments.quiet) as advance:
         found = [analyze(*session, progress=lambda *_: advance(1)) for session in sessions]
     # of several recordings together there is one
-    analyses = [replace(one, unit=bag.unit) for one, bag in zip(found, recordings, strict=False)]
+    pairs = zip(found, recordings, strict=not arguments.together)
+    analyses = [replace(one, unit=recording.unit) for one, recording in pairs]
     documents = [analysis_document(analysis) for analysis in analyses]
     if arguments.json:
         print(json.dumps(documents if len(documents) > 1 else documents[0], allow_nan=False))
     else:
         print(analysis_text(analyses, names))
     warn(('warning', text) for recording in recordings for text in recording.facts.remarks)
-    pairs = zip(names, analyses, strict=True)
-    warn((name, finding) for name, one in pairs for finding in one.findings)
+    named = zip(names, analyses, strict=True)
+    warn((name, finding) for name, one in named for finding in one.findings)
     if arguments.out:
         from rpms_ros.report.analysis_figures import draw_analysis
 

@@ -238,16 +238,15 @@ def interrupts_held() -> Iterator[Callable[[], None]]:
         if came:
             raise KeyboardInterrupt
 
-    before = signal.getsignal(signal.SIGINT)
-    raises = before is signal.default_int_handler
-    if threading.current_thread() is not threading.main_thread() or not raises:
+    main = threading.current_thread() is threading.main_thread()
+    if not main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
         yield heed
         return
     signal.signal(signal.SIGINT, hold)
     try:
         yield heed
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     heed()
 
 

@@ -111,8 +111,9 @@ class StimulatorDriver(LifecycleNode):
         device = settings.device if settings.simulated else f'{settings.device} {settings.port}'
         self._active = False
         # started once there are enough subscribers, without an operator
-        file = settings.schedule_file if settings.autostart else ''
-        self._autostart = load_schedule(Path(file).expanduser()) if file else None
+        self._autostart: Schedule | None = None
+        if settings.autostart:
+            self._autostart = load_schedule(Path(settings.schedule_file).expanduser())
         self._audit = DriverAudit(settings.audit_log, partial(self.controller.open, AUDIT))
         self._parts.callback(self._audit.close)
         self._parts.callback(self._audit.note, 'end')

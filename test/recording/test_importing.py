@@ -445,6 +445,27 @@ def test_a_text_in_the_first_rows_of_numbers_is_named(tmp_path, text):
         written(tmp_path / 'a.csv', ['Time [s],Force [kg],Gate'], clipped)
 
 
+@pytest.mark.parametrize('first', ['', 'nan', '#'])
+def test_a_title_of_a_column_of_numbers_may_be_missing(tmp_path, first):
+    """As that of the index is, where a program in Python writes it."""
+    path = tmp_path / 'a.csv'
+    lines = [f'{at},{at / 1000},{1 + at % 7},{5 * (at % 50 == 10)}' for at in range(1000)]
+    path.write_text('\n'.join([f'{first},Time [s],Force [kg],Gate', *lines]))
+    found = import_file(path, ImportOptions(time='Time [s]'))
+    assert found.forces.force[0] == pytest.approx(9.80665)
+
+
+def test_a_line_above_the_titles_may_begin_with_a_number(tmp_path):
+    found = written(tmp_path / 'a.csv', ['1000,Hz,left', 'Time [s],Force [kg],Gate'])
+    assert found.forces.force[0] == pytest.approx(9.80665)
+
+
+@pytest.mark.parametrize('row', ['nan,nan,nan', '-,-,-', ',#N/A,'])
+def test_a_row_in_which_everything_is_missing_takes_no_title_and_no_unit_away(tmp_path, row):
+    found = written(tmp_path / 'a.csv', ['Time [s],Force [kg],Gate', row])
+    assert found.forces.force[0] == pytest.approx(9.80665)
+
+
 def test_what_a_worksheet_has_for_no_value_is_missing(tmp_path):
     found = written(
         tmp_path / 'a.csv',

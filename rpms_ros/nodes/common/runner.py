@@ -279,9 +279,9 @@ def _spin(node: Node, stop: StopRequest) -> None:
             if parent is not None and os.getppid() != int(parent):
                 break
             executor.spin_once(timeout_sec=0.1)
-        ended = time.monotonic()
+        until = time.monotonic() + (_LAST_WORDS_S if hasattr(node, 'stop_at_once') else 0.0)
         # what was stopped at once tells how it ended: status, results of goals
-        while hasattr(node, 'stop_at_once') and time.monotonic() < ended + _LAST_WORDS_S:
+        while rclpy.ok() and time.monotonic() < until:
             executor.spin_once(timeout_sec=0.01)
     except Exception as error:
         # shutting an executor down during an exception has crashed processes

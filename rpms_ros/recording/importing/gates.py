@@ -23,10 +23,10 @@ from rpms_ros.pulses import (
 from rpms_ros.recording.importing.signals import (
     FALLING,
     LIST_UNITS,
+    NO_TIME,
     RISING,
     SAMPLES,
     TIME_UNITS,
-    UNSTATED,
     Ambiguous,
     ImportOptions,
     Signal,
@@ -49,6 +49,9 @@ _BOUNCE = 4e-3
 _USUAL = 20e-3
 # Of the range of a gate: what rises less is no pulse, and what differs less is one height.
 _LEAST_HEIGHT, _ALIKE = 0.02, 0.2
+# So much of a pulse may have another intensity, as where a column is a sample late, and so many
+# pulses more.
+_OTHER, _FEW_CHANGE = 0.3, 0.05
 # Share of the pulses.
 _FEW_LOST = 0.05
 
@@ -201,7 +204,7 @@ def _lower_pulses(values: FloatArray, edge: str) -> int:
 
 def heights_told(signal: Signal, stamp_ns: IntArray, pulses: PulseTrain) -> str | None:
     """Return a warning if the pulses of a gate have different heights."""
-    height, _ = values_at(signal.values, stamp_ns, pulses)
+    height = np.array([np.median(one) for one in _during(signal, stamp_ns, pulses)])
     span = float(np.ptp(signal.values))
     if not np.ptp(np.percentile(height, [5.0, 95.0])) > _ALIKE * span:
         return None
@@ -211,22 +214,32 @@ def heights_told(signal: Signal, stamp_ns: IntArray, pulses: PulseTrain) -> str 
     )
 
 
-def values_at(
-    values: FloatArray, stamp_ns: IntArray, pulses: PulseTrain
-) -> tuple[FloatArray, FloatArray]:
-    """Return the median of a signal while each pulse lasts, and which share of it is another.
+def held_values(signal: Signal, stamp_ns: IntArray, pulses: PulseTrain) -> FloatArray:
+    """Return the median of a signal of intensities while each pulse lasts (pulses,).
 
-    Both (pulses,); another than the median is what is off by more than a fifth of all that the
-    signal spans.
+    Raises
+    ------
+    RecordingError
+        If it is another in a part of many pulses: it does not say the intensity then.
     """
+    within, off = _during(signal, stamp_ns, pulses), _ALIKE * np.ptp(signal.values)
+    median = np.array([np.median(one) for one in within])
+    other = [np.mean(np.abs(one - at) > off) for one, at in zip(within, median, strict=True)]
+    if np.mean(changing := np.array(other) > _OTHER) > _FEW_CHANGE:
+        raise RecordingError(
+            f'expected one intensity while a pulse lasts in {signal.name!r}, got several in '
+            f'{changing.sum()} of {len(pulses)} pulses: --intensity FILE with one a pulse decides'
+        )
+    return median
+
+
+def _during(signal: Signal, stamp_ns: IntArray, pulses: PulseTrain) -> list[FloatArray]:
+    """Return the samples of a signal while each pulse lasts, at least one of each pulse."""
     end_ns = pulses.onset_ns + stamps(pulses.width)
     # events may come between samples
     begins = np.maximum(np.searchsorted(stamp_ns, pulses.onset_ns, side='right') - 1, 0)
     ends = np.maximum(np.searchsorted(stamp_ns, end_ns), begins + 1)
-    within = [values[begin:end] for begin, end in zip(begins, ends, strict=True)]
-    median, off = np.array([np.median(one) for one in within]), _ALIKE * np.ptp(values)
-    other = [np.mean(np.abs(one - at) > off) for one, at in zip(within, median, strict=True)]
-    return median, np.array(other)
+    return [signal.values[begin:end] for begin, end in zip(begins, ends, strict=True)]
 
 
 def _half_way(values: FloatArray) -> float:
@@ -326,8 +339,7 @@ def list_unit(
         return SAMPLES, 'as the name says (--pulse-unit decides)'
     if time_unit is not None:
         return time_unit, 'as stated (--time-unit)'
-    # a file may state volts for all that is in it
-    if signal.unit not in (*UNSTATED, 'V', SAMPLES):
+    if signal.unit not in (*NO_TIME, SAMPLES):
         raise Ambiguous(
             f'expected times of pulses in {", ".join(LIST_UNITS)}, got {signal.name!r} in '
             f'{signal.unit}: --pulse-unit decides'

@@ -22,6 +22,7 @@ from rpms_ros.recording.importing.gates import (
 )
 from rpms_ros.recording.importing.signals import (
     LIST_UNITS,
+    NO_TIME,
     SENSOR_UNITS,
     TIME_OF_DAY,
     TIME_UNITS,
@@ -228,8 +229,7 @@ def _time_unit(signal: Signal, given: str | None) -> tuple[str, str]:
         return 's', 'from times of day'
     if told := unit_told(signal.unit.lower(), given, 'time-unit', TIME_UNITS):
         return told
-    # a file may state volts for all that is in it
-    if signal.unit not in (*UNSTATED, 'V'):
+    if signal.unit not in NO_TIME:
         raise Ambiguous(
             f'expected a time in {", ".join(TIME_UNITS)}, got {signal.name!r} in {signal.unit}: '
             '--time-unit decides'

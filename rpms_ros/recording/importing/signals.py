@@ -126,6 +126,8 @@ LIST_UNITS = (*TIME_UNITS, SAMPLES)
 SENSOR_UNITS = FORCE_UNITS | TORQUE_UNITS
 UNSTATED = ('', '-', 'a.u.', 'au')
 """What stands for a unit where there is none."""
+NO_TIME = (*UNSTATED, 'V')
+"""The same for a time: a file may state volts for all that is in it."""
 _SYNONYMS = {
     'sec': 's', 'seconds': 's', 'second': 's', 'msec': 'ms', 'milliseconds': 'ms', 'µs': 'us',
     'μs': 'us', 'usec': 'us', 'microseconds': 'us', 'minutes': 'min', 'gf': 'g', 'kgf': 'kg',

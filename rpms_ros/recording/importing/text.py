@@ -25,7 +25,7 @@ _THOUSANDS = re.compile(
     r'^[-+]?[1-9]\d{0,2}(?:(?:\.\d{3})+(?:,\d*)?|(?:,\d{3})+(?:\.\d*)?|'
     r"(?:['’\s]\d{3})+(?:[.,]\d*)?)$"
 )
-_WHOLE, _SOME = re.compile(r'-?[1-9]\d+'), 20
+_WHOLE, _SOME = re.compile(r'-?\d+'), 20
 # Lines above the titles: the rate, with its unit before or behind it, and the unit of all.
 _RATE = re.compile(r'(?i)^(?=.*\bk?hz\b)\W*(sampl|acquisition|scan)[^\d]*(\d+(?:\.\d+)?)\D*$')
 _VOLTS = re.compile(r'(?i)\bdata in volts?\b|\bunits?\W+v(?:olts?)?\W*$')
@@ -216,6 +216,17 @@ def _refuse_thousands(path: Path, cells: Sequence[str]) -> None:
         )
 
 
+def _refuse_marked(path: Path, cells: Sequence[str]) -> None:
+    """Refuse whole numbers of which the large ones have marks, which read as decimals."""
+    # the first number with other decimals than three ends this
+    if all(_WHOLE.fullmatch(cell) or _THOUSANDS.match(cell) for cell in cells):
+        marked = list(filter(_THOUSANDS.match, cells))
+        # decimals are seldom three each, and never beside whole numbers
+        others = set(cells) - set(marked)
+        if len(marked) > _SOME and any(len(cell.lstrip('-')) > 1 for cell in others):
+            _refuse_thousands(path, marked)
+
+
 def number(cell: str, comma: bool) -> float | None:
     """Return the number of a cell, not a number where it is missing; None for other text."""
     if cell.lower() in _MISSING:
@@ -239,17 +250,20 @@ def first_row(path: Path, rows: Sequence[list[str]], comma: bool = False) -> int
         If there is none.
     """
     width = Counter(len(row) for row in rows[-_LOOKED_AT:]).most_common(1)[0][0]
+    titled = False
     for index, cells in enumerate(rows):
         numbers = [number(cell, comma) for cell in cells]
-        some = any(value is not None and not np.isnan(value) for value in numbers)
-        if len(cells) == width and some and None not in numbers:
-            return index
-        if len(cells) == width and numbers[0] is not None and not all(map(_UNITS.match, cells)):
-            text = cells[numbers.index(None)]
-            raise RecordingError(
-                f'expected numbers in {path}, got {text[:40]!r} in the row that begins with '
-                f'{cells[0]}'
-            )
+        known = [value is not None and not np.isnan(value) for value in numbers]
+        if len(cells) == width and any(known):
+            if None not in numbers:
+                return index
+            # below the titles, and no units
+            if titled and known[0] and not all(map(_UNITS.match, cells)):
+                raise RecordingError(
+                    f'expected numbers in {path}, got {cells[numbers.index(None)][:40]!r} in the '
+                    f'row that begins with {cells[0]}'
+                )
+        titled |= len(cells) == width and not any(known)
     cells = [cell for row in rows[-_LOOKED_AT:] for cell in row]
     points = [cell for cell in cells if comma and _has_point(cell)]
     _refuse_thousands(path, points + [cell for cell in cells if number(cell, comma) is None])
@@ -260,13 +274,14 @@ def first_row(path: Path, rows: Sequence[list[str]], comma: bool = False) -> int
 
 def _header(above: Sequence[list[str]], width: int) -> tuple[list[str], list[str]]:
     """Return names and units of the columns from the lines above the numbers."""
-    wide = [cells for cells in above if len(cells) == width]
+    # a row in which everything is missing names nothing
+    wide = [row for row in above if len(row) == width and {*map(str.lower, row)} - _MISSING]
     units = [''] * width
-    known = [sum(bool(cell and _UNITS.match(cell)) for cell in cells) for cells in wide[-2:]]
-    whole = len(wide) > 1 and all(_UNITS.match(cell) for cell in wide[-1])
-    # most of them, where titles have none: others are units that are not known
-    if whole or (len(wide) > 1 and known[1] > max(width / 2, known[0])):
-        units = [cell.strip('[]() ') for cell in wide.pop()]
+    if len(wide) > 1:
+        titles, last = ([bool(cell and _UNITS.match(cell)) for cell in row] for row in wide[-2:])
+        # where most are units, and fewer above, others are units that are not known
+        if all(map(_UNITS.match, wide[-1])) or sum(last) > max(width / 2, sum(titles)):
+            units = [cell.strip('[]() ') for cell in wide.pop()]
     return (wide[-1] if wide else [''] * width), units
 
 
@@ -290,11 +305,8 @@ def _columns(path: Path, rows: Sequence[list[str]], width: int, comma: bool) -> 
             if ':' in cell and (clock := _CLOCK.match(cell)):
                 days.add(clock[1] or '')
             table[index, column] = value
-    for values in zip(*rows, strict=True):
-        marked = [cell for cell in values if not cell.removeprefix('-').isdigit()]
-        # numbers with decimals seldom have three each, and never beside whole ones
-        if _SOME < len(marked) < len(values) and any(map(_WHOLE.fullmatch, values)):
-            _refuse_thousands(path, marked if all(map(_THOUSANDS.match, marked)) else ())
+    for column in range(width):
+        _refuse_marked(path, [row[column] for row in rows])
     if len(days) > 1:
         fault = f'expected the times of one day in {path}, got those of {len(days)} dates'
         raise RecordingError(fault)

@@ -28,9 +28,9 @@ from rpms_ros.recording.importing.binary_formats import read_excel, read_matlab,
 from rpms_ros.recording.importing.gates import (
     gate_pulses,
     heights_told,
+    held_values,
     odd_gate,
     stamps_of_numbers,
-    values_at,
 )
 from rpms_ros.recording.importing.guess import Guess, guess_by
 from rpms_ros.recording.importing.signals import (
@@ -47,9 +47,6 @@ from rpms_ros.recording.rosbag.scan import READERS
 
 # No muscle shows a pulse for longer.
 _ACTS_NS = 3 * NANOSECONDS_PER_SECOND // 2
-# So much of a pulse may have another intensity, as where a column is a sample late, and so many
-# pulses more.
-_OTHER, _FEW_CHANGE = 0.3, 0.05
 # A stamp of ROS has 32 bits for its seconds.
 _STAMPS_NS = 2**31 * NANOSECONDS_PER_SECOND
 
@@ -127,7 +124,7 @@ def import_file(path: Path, options: ImportOptions) -> Imported:
         if warning := heights_told(gate, stamp_ns, pulses):
             remarks.append(('warning', warning))
     pulses, forces, moved = _moved(pulses, forces)
-    remarks += moved
+    remarks += [('times', moved)] if moved else []
     names = [one.name for one in file.signals] + [one.name for one in file.events]
     if left := [name for name in names if name not in used]:
         remarks.append(('not used', ', '.join(map(repr, left))))
@@ -142,19 +139,17 @@ def import_file(path: Path, options: ImportOptions) -> Imported:
     return Imported(pulses, forces, read, bool(told or not all_given), quantity)
 
 
-def _moved(
-    pulses: PulseTrain, forces: ForceTrace
-) -> tuple[PulseTrain, ForceTrace, list[tuple[str, str]]]:
+def _moved(pulses: PulseTrain, forces: ForceTrace) -> tuple[PulseTrain, ForceTrace, str]:
     """Return pulses and force at times that stamps of ROS can hold, and a remark if they moved."""
     first_ns = int(min(forces.stamp_ns[0], pulses.onset_ns[0]))
     if first_ns >= 0 and forces.stamp_ns[-1] < _STAMPS_NS:
-        return pulses, forces, []
+        return pulses, forces, ''
     later_s = -(first_ns // NANOSECONDS_PER_SECOND)
     later_ns = later_s * NANOSECONDS_PER_SECOND
     pulses = replace(pulses, onset_ns=pulses.onset_ns + later_ns)
     forces = replace(forces, stamp_ns=forces.stamp_ns + later_ns)
     said = f'{later_s} s are added to each, as stamps are from 0 to {2**31} s'
-    return pulses, forces, [('times', said)]
+    return pulses, forces, said
 
 
 def _intensities(
@@ -171,13 +166,7 @@ def _intensities(
     if found := file.signal(name):
         shares = found.values
         if len(shares) != len(pulses):
-            shares, other = values_at(shares, _stamps(file, found, guess, options), pulses)
-            if np.mean(changing := other > _OTHER) > _FEW_CHANGE:
-                raise RecordingError(
-                    f'expected one intensity while a pulse lasts in {name!r}, got several in '
-                    f'{changing.sum()} of {len(pulses)} pulses: --intensity FILE with one a pulse '
-                    'decides'
-                )
+            shares = held_values(found, _stamps(file, found, guess, options), pulses)
     else:
         if not Path(name).is_file():
             columns = ', '.join(repr(one.name) for one in file.signals)

@@ -218,7 +218,7 @@ def _found(path: Path, findings: Findings) -> tuple[list[Path], dict[str, Any]]:
         # Part 2 before part 10; what is packed beside itself is one file.
         found = _by_name(filter(_is_storage, path.iterdir()))
         paths = [*filter(_is_storage, listed)] or [*found.values()]
-        for name in found.keys() - _by_name(paths).keys():
+        for name in sorted(found.keys() - _by_name(paths).keys()):
             findings.add('unlisted_file', f'{name} is not named in {METADATA}: left out')
     elif paths:
         # Of the metadata beside a file only the notes, and only if they are its own.

@@ -319,7 +319,7 @@ def _joined(topic: str, type_name: str, candidate: _Candidate, scan: Scan) -> To
     if any(decoder.differs for decoder in candidate.decoders.values()):
         other = f'{topic}: {type_name} is defined in another way than here'
         scan.findings.add('other_definition', other)
-    frame_ids = sorted(set().union(*(block.strings for block in columns)))
+    frame_ids = tuple(sorted(set().union(*(block.strings for block in columns))))
     if len(frame_ids) > 1:
         names = ', '.join(map(repr, frame_ids))
         scan.findings.add('mixed_frame_ids', f'{topic} has frame ids {names}', len(frame_ids) - 1)
@@ -333,6 +333,4 @@ def _joined(topic: str, type_name: str, candidate: _Candidate, scan: Scan) -> To
         path: np.concatenate([block.number.pop(path) for block in columns])[order]
         for path in list(columns[0].number)
     }
-    return TopicValues(
-        topic, type_name, number, received_ns[order], place[order], tuple(frame_ids)
-    )
+    return TopicValues(topic, type_name, number, received_ns[order], place[order], frame_ids)
