@@ -37,6 +37,27 @@ def test_the_paper_is_not_deliverable(written, rpms, name):
         assert limit in out
 
 
+@pytest.mark.parametrize(
+    ('segments', 'limit', 'said'),
+    [
+        (
+            '{kind: constant, rate_hz: 20.0, duration_s: 2001.0, intensity: 0.1}',
+            'schedule_pulses', 'expected at most 40000 pulses in a schedule, got 40020',
+        ),
+        (
+            '{kind: pause, duration_s: 59.9}, {kind: single, intensity: 0.1}',
+            'idle_disarm_s', 'expected at most 60 s without a pulse',
+        ),
+    ],
+)  # fmt: skip
+def test_what_a_driver_refuses_is_not_deliverable(tmp_path, rpms, segments, limit, said):
+    path = tmp_path / 'long.yaml'
+    path.write_text(f'name: long\nsegments: [{segments}]\n')
+    code, out, _ = rpms('check', path, '--device', 'simulated')
+    assert code == 1
+    assert f'{limit}: {said}' in out
+
+
 def test_slow_protocols_have_catch_pulses(written, rpms, tmp_path):
     for name in ('sinusoid', 'staircase'):
         (segment,) = load_schedule(written(name)).segments

@@ -90,6 +90,15 @@ def test_what_sequences_show(sequences, counts):
     assert queue.counter.counts() == counts
 
 
+def test_a_number_that_comes_again_with_another_stamp_is_no_pulse_of_its_own():
+    """As of a relay that stamps anew: which of the two was given is not known."""
+    queue = Queue()
+    queue.add((0, 0.5, 7), (50, 0.5, 8), (70, 0.5, 8), (100, 0.5, 9), (120, 0.5, 9))
+    assert queue.onsets(1000) == [0, 50, 100]
+    assert queue.counter.counts() == {'pulse_duplicate': 2}
+    assert queue.unknown(50, 51, 370, 371, 420, 421)[1:5] == [True] * 4
+
+
 @pytest.mark.parametrize('intensity', [-1e-9, 1.0000001, math.nan, math.inf])
 def test_an_impossible_intensity_counts_as_lost(intensity):
     queue = Queue()

@@ -7,7 +7,8 @@ import time
 from functools import partial
 
 import pytest
-from rcl_interfaces.srv import SetParameters
+from rcl_interfaces.msg import Parameter as ParameterMessage, ParameterValue
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.parameter import Parameter
 
 from rpms_msgs.action import RunSchedule
@@ -217,6 +218,18 @@ def test_the_bound_on_the_intensity_is_lowered_and_never_raised_while_armed(clin
     assert result.error_code == CODES.OVER_LIMIT
     assert 'maximum_intensity' in result.reason
     lab.graph.wait_for(lambda: lab.statuses[-1].maximum_intensity == 0.4)
+
+
+@pytest.mark.parametrize('service', [SetParameters, SetParametersAtomically])
+def test_a_parameter_of_no_type_does_not_end_the_driver(clinic, service):
+    lab = clinic()
+    name = f'stimulator_driver/set_parameters{"_atomically" * (service is not SetParameters)}'
+    client = lab.other.create_client(service, name)
+    lab.graph.wait_for(client.service_is_ready)
+    lab.run()
+    value = ParameterMessage(name='maximum_intensity', value=ParameterValue(type=77))
+    lab.ask(client.call_async(service.Request(parameters=[value])))
+    assert lab.controller.state.name == 'RUNNING'
 
 
 def test_a_change_of_the_bound_that_is_refused_with_another_one_changes_nothing(clinic):

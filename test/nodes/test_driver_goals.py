@@ -27,7 +27,7 @@ from rpms_ros.recording.rosbag.scan import Scan
 from rpms_ros.recording.rosbag.verifying import verify as verify_recording
 from rpms_ros.schedule_messages import schedule_message
 from rpms_ros.stimulation import constant, schedule_from_text
-from rpms_ros.stimulation.records.append_only import verify_log
+from rpms_ros.stimulation.records.append_only import AUDIT_LOG, ChainedFile, verify_log
 
 SHORT = constant(0.5, 0.2, 50.0)
 WARM_UP = replace(SHORT, name='wärm-up')
@@ -259,6 +259,13 @@ def test_the_audit_log_vouches_for_the_pulses_of_a_recording(graph, running, tmp
     text = running.audit.read_text()
     running.audit.write_text(text.replace('ada', 'bob'))
     assert any('chain of the log' in said for _, said in audit_findings(path, running.audit))
+    running.audit.write_text(text[:-9])
+    assert any('the log is cut off' in said for _, said in audit_findings(path, running.audit))
+    ChainedFile(tmp_path / 'other.jsonl', AUDIT_LOG).close()
+    found = audit_findings(path, tmp_path / 'other.jsonl')
+    assert [state for state, _ in found] == ['FAULT'] * len(found)
+    assert found[0][1].startswith('the log has no schedule ')
+    assert found[-1][1] == 'the log has 0 of 20 pulses'
 
 
 @pytest.mark.long

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What devices, callbacks and ledgers do wrong: each ends in zero intensity, disarmed, latched."""
 
+import numpy as np
 import pytest
 from faulty_device import SimulatedFaults
 
@@ -252,6 +253,96 @@ def test_difference_between_commanded_and_delivered_is_a_fault(faults, name, dri
     assert driver.controller.run.ended == driver.controller.reason
     with pytest.raises(StimulationError, match='start: expected state ARMED, got FAULT'):
         driver.controller.start(SHORT)
+
+
+@pytest.mark.parametrize(
+    'answer',
+    [
+        lambda given: bool(given),
+        lambda given: tuple(given),
+        lambda given: given._replace(time_ns=None),
+        lambda given: given._replace(unverified=None),
+    ],
+)
+def test_pulse_with_an_answer_of_another_shape_is_told_as_fired_and_unverified(running, answer):
+    gives = type(running.device).fire
+    running.device.instead['fire'] = lambda *arguments: answer(gives(running.device, *arguments))
+    running.advance(0.1)
+    assert len(running.device.commands) == len(running.fired) == 11
+    assert running.fired[-1].delivery.unverified == frozenset(UNVERIFIED)
+    assert_safe(running)
+
+
+@pytest.mark.parametrize('early_s', [0.05, 1.0])
+def test_delivery_from_before_its_trigger_is_that_of_another_pulse(running, early_s):
+    gives = type(running.device).fire
+
+    def stale(*arguments):
+        given = gives(running.device, *arguments)
+        return given._replace(time_ns=given.time_ns - round(early_s * 1e9))
+
+    running.device.instead['fire'] = stale
+    running.advance(0.1)
+    assert running.controller.reason == (
+        f'expected a pulse after its trigger, got one {early_s:g} s before'
+    )
+    assert running.controller.fault_counts() == {'lost': 1}
+    assert len(running.device.commands) == len(running.fired) == 11
+    assert running.fired[-1].delivery.unverified == frozenset(UNVERIFIED)
+    assert_safe(running)
+
+
+@pytest.mark.parametrize('flag', ['coil_present', 'armed', 'ready'])
+@pytest.mark.parametrize('no', [False, 0, np.False_])
+def test_a_device_says_no_in_any_type(running, flag, no):
+    for call in ('prepare', 'keep_alive'):
+        honest = getattr(type(running.device), call)
+        running.device.instead[call] = lambda *arguments, honest=honest: honest(
+            running.device, *arguments
+        )._replace(**{flag: no})
+    running.advance(0.1)
+    assert len(running.device.commands) <= 11
+    assert_safe(running)
+
+
+def test_a_device_whose_arm_says_nothing_is_not_armed(driver_in):
+    driver = driver_in(State.DISARMED)
+    driver.device.instead['arm'] = lambda: type(driver.device).arm(driver.device) and None
+    with pytest.raises(DeviceError, match='arm: expected the status of the device, got none'):
+        driver.controller.arm()
+    assert_safe(driver)
+
+
+def test_an_intensity_that_a_device_says_it_gave_counts_as_given(virtual, rapid, tmp_path):
+    """Six trains of one pulse of 100 % in place of 10 % were 15 J on the books, not 1512."""
+    driver = virtual(rapid.limits)
+    gives = type(driver.device).fire
+    driver.device.instead['fire'] = lambda *arguments: gives(driver.device, *arguments)._replace(
+        intensity=1.0
+    )
+    driver.started(constant(0.1, 1.0, 10.0), 0.5)
+    assert driver.controller.state is State.FAULT
+    full_j = driver.controller.limits.energy_j(1.0)
+    assert driver.controller.limiter.session_energy_j == pytest.approx(full_j)
+    assert driver.controller.ledger.totals()[1] == pytest.approx(full_j)
+    assert_safe(driver)
+
+
+def test_what_was_not_read_of_a_train_that_was_cut_short_is_not_asked_of_the_next(virtual):
+    """It was found to be 0, as the device had been silenced: a false fault."""
+    driver = virtual()
+    # too slow to be read between two pulses
+    driver.device.read_back_s = 0.2
+    gives = type(driver.device).fire
+    driver.device.instead['fire'] = lambda *arguments: gives(driver.device, *arguments)._replace(
+        unverified=frozenset({'intensity'})
+    )
+    driver.started(seconds=1.2).controller.cancel()
+    driver.advance(5.0)
+    driver.controller.arm()
+    driver.controller.start(SHORT)
+    driver.advance(1.0)
+    assert (driver.run.ended, driver.controller.fault_counts()) == ('completed', {})
 
 
 def test_device_that_vanishes_while_nothing_fires_is_noticed_and_let_go(driver_in):

@@ -432,7 +432,7 @@ class TrackingEstimator(ProjectionEstimator):
         IdentificationError
             If there have been data.
         """
-        if self._last_ns is not None or self._pulses:
+        if self._last_ns is not None or self._plausibility.pulses:
             raise IdentificationError('expected a fresh estimator to start from what is known')
         basis = replace(known.basis, functions=self.settings.basis.functions)
         if not self._choose:
@@ -488,7 +488,7 @@ class TrackingEstimator(ProjectionEstimator):
             DISTURBANCE_LIVELY: lively > 0.0,
             NOT_ISOMETRIC: fit.swing > _SWING,
         }
-        return doubted(described, doubts)
+        return doubted(self._plausibility.examine(described), doubts)
 
     @property
     def _theta(self) -> FloatArray:

@@ -94,7 +94,8 @@ MEANING: Mapping[str, str] = {
     PULSE_INTENSITY_INVALID: 'pulses whose intensity was not within 0..1; treated as lost',
     PULSE_LOST: 'pulses missing in the sequence; learning stops while they could act',
     PULSE_LATE: 'pulses that came after their samples were used; treated as lost',
-    PULSE_DUPLICATE: 'pulses that came twice; the second is dropped',
+    PULSE_DUPLICATE: 'pulses that came twice; the second is dropped, and treated as lost if it has '
+    'another stamp',
     PULSE_TOO_CLOSE: 'pulses less than 0.2 ms after another, or beyond 10,000 within a second, as '
     'no stimulator gives them; treated as lost',
     PULSE_FAR_AHEAD: 'pulses stamped more than 10 s after the force, which did not follow within '

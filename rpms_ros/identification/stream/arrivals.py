@@ -144,6 +144,8 @@ class PulseQueue:
         self.counter = counter
         self._begun_ns: int | None = None
         self._last_sequence: int | None = None
+        # whether the driver counts its pulses
+        self._counts = False
         self.restart()
 
     def restart(self) -> None:
@@ -271,6 +273,12 @@ class PulseQueue:
             return False
         step = (sequence - self._last_sequence) % SEQUENCE_PERIOD
         missing_from_ns = max(self._last_onset_ns, onset_ns - self._pulse_look_ahead_ns)
+        self._counts |= step > 0
+        if step == 0 and self._counts:
+            # of a relay that stamps anew, say: which of the two was given is not known
+            self.counter.add(faults.PULSE_DUPLICATE)
+            self.exclude(missing_from_ns, onset_ns + self.memory_ns)
+            return False
         if step == 0:
             self.counter.add(faults.PULSE_SEQUENCE_STUCK)
         elif step > SEQUENCE_PERIOD // 2:

@@ -12,6 +12,7 @@ import time
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from traceback import walk_stack
 from types import FrameType
@@ -273,23 +274,36 @@ def _spin(node: Node, stop: StopRequest) -> None:
     executor, parent = EventsExecutor(), os.environ.get(PARENT_VARIABLE)
     executor.add_node(node)
     stop.heed_between_callbacks()
+    failed: Exception | None = None
     try:
         # In Jazzy the spin() of this executor neither waits nor ends on signals.
         while rclpy.ok() and not stop.made:
             if parent is not None and os.getppid() != int(parent):
                 break
             executor.spin_once(timeout_sec=0.1)
+    except Exception as error:  # noqa: BLE001 - raised below
+        getattr(node, 'stop_at_once', str)(f'expected to spin on, got {error!r}')
+        failed = error
+    try:
         until = time.monotonic() + (_LAST_WORDS_S if hasattr(node, 'stop_at_once') else 0.0)
         # what was stopped at once tells how it ended: status, results of goals
         while rclpy.ok() and time.monotonic() < until:
             executor.spin_once(timeout_sec=0.01)
-    except Exception as error:
-        # shutting an executor down during an exception has crashed processes
-        getattr(node, 'stop_at_once', str)(f'expected to spin on, got {error!r}')
-        raise
     finally:
         executor.remove_node(node)
         executor.shutdown()
+    # shutting an executor down during an exception has crashed processes
+    if failed is not None:
+        raise failed
+
+
+def _answered(node: Node, callback: Callable[[Any, Any], Any], request: Any, response: Any) -> Any:
+    """Answer a request for parameters; a value of no type would end the process in rclpy."""
+    try:
+        return callback(request, response)
+    except ValueError as error:
+        logger_of(node).warning(f'refused: expected parameters with a type, got {error}')
+        return response
 
 
 @contextmanager
@@ -312,6 +326,9 @@ def complete_or_gone(node: Node) -> Iterator[ExitStack]:
 
     """
     parts = ExitStack()
+    for service in node.services:
+        if 'set_parameters' in service.srv_name:
+            service.callback = partial(_answered, node, service.callback)
     try:
         yield parts
     except BaseException:

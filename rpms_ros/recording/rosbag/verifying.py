@@ -17,7 +17,7 @@ import numpy as np
 from rpms_ros.errors import RecordingError, StimulationError
 from rpms_ros.identification.stream.arrivals import no_overlap
 from rpms_ros.printable import counted, printable
-from rpms_ros.pulses import PulseTrain, hash_of
+from rpms_ros.pulses import hash_of
 from rpms_ros.recording.rosbag.metadata import SUMS_NAME, fits, read_checksums
 from rpms_ros.recording.rosbag.reading import (
     DAMAGE,
@@ -105,7 +105,7 @@ def verify(
     apart = no_overlap(recording.pulses.onset_ns, recording.forces.stamp_ns)
     findings += [] if apart is None else [Finding('clock', FAULT, apart)]
     if audit is not None:
-        findings += _audit(recording.pulses, audit)
+        findings += _audit(recording, audit)
     digest = session_hash(recording)
     damaged = DAMAGE & facts.faults.keys()
     digest += ' of what could be read, not of all that was recorded' if damaged else ''
@@ -139,16 +139,22 @@ def _publishers(facts: RecordingFacts) -> list[Finding]:
     return _found('publishers', faults, 'one for each topic')
 
 
-def _audit(pulses: PulseTrain, path: Path) -> Iterator[Finding]:
-    """Compare the pulses with those that the driver wrote down in its audit log."""
+def _audit(recording: Recording, path: Path) -> Iterator[Finding]:
+    """Compare pulses and schedules with those that the driver wrote down in its audit log."""
     if not path.is_file():
         raise RecordingError(f'expected an audit log, got {path}')
     try:
         log = verify_log(path)
     except (OSError, StimulationError) as error:
         raise RecordingError(f'expected an audit log, got {path}: {error}') from error
+    pulses = recording.pulses
     known = np.zeros(len(pulses), np.bool_)
-    wrong = []
+    logged = {record.content.get('text_sha256') for record in log.records}
+    wrong = [
+        f'the log has no schedule {one.name} of sha256 {one.sha256}'
+        for one in recording.facts.schedules
+        if one.sha256 not in logged
+    ]
     for record in log.records:
         length, first_ns = record.content.get('pulses'), record.content.get('first_pulse_ns')
         digest = record.content.get('pulses_sha256')
@@ -162,10 +168,11 @@ def _audit(pulses: PulseTrain, path: Path) -> Iterator[Finding]:
                     found = f'{counted(length, "pulse")} from stamp {first_ns} on'
                     wrong.append(f'{found}: not what the driver gave')
     wrong += [f'chain of the log: {log.fault}'] * bool(log.fault)
+    wrong += [f'the log is cut off: {log.torn} bytes at its end'] * bool(log.torn)
     yield from (Finding('audit', FAULT, printable(text)) for text in wrong)
     if not known.all():
         text = f'the log has {known.sum()} of {counted(len(pulses), "pulse")}'
-        yield Finding('audit', FAULT if known.any() else UNKNOWN, text)
+        yield Finding('audit', FAULT, text)
     elif not wrong:
         yield Finding('audit', OK, f'{counted(len(pulses), "pulse")} as the driver gave them')
 

@@ -49,7 +49,7 @@ from rpms_ros.stimulation.driver.states import (
 )
 from rpms_ros.stimulation.limits.coil_temperature import coil_after
 from rpms_ros.stimulation.limits.device_specification import DeviceSpecification
-from rpms_ros.stimulation.limits.forecast import Trial
+from rpms_ros.stimulation.limits.forecast import MOST_PULSES, Trial
 from rpms_ros.stimulation.limits.limiter import (
     TIMING_LIMITS,
     BookedPulse,
@@ -77,10 +77,10 @@ _WARM_NS = 2 * NANOSECONDS_PER_SECOND
 _RESERVE_NS = 100_000_000
 # Longer than a schedule can be.
 _NEVER_S = 1e6
+# How much a device's own clock may be before the driver's [s].
+_EARLY_S = 1e-3
 # A reading before a pulse ends so long before the trigger, which it must not delay.
 _MARGIN_NS = 10_000_000
-# What a plan of pulses costs before its first one is 5 us each, in the thread that serves cancels.
-MOST_PULSES = 40_000
 
 
 class StimulationController(DeviceOwner):
@@ -247,6 +247,8 @@ class StimulationController(DeviceOwner):
             raise Refused(*quiet)
         self.run, self._reservations = run, reservations
         self._set_intensity = None
+        # nothing can be read any more of a run that was cut short: it ended with intensity zero
+        self._unread = []
         self._wait_for_nothing()
         if not self._enter(Command.START, f'running {run.schedule.name}', since):
             run.end(self.reason, 'stopped')
@@ -387,16 +389,17 @@ class StimulationController(DeviceOwner):
             self._use_status(status, since, None)
             return found, True
         self.fail('intensity', wrong)
-        more = [
+        self._count_more(run, found, unread)
+        return found, False
+
+    def _count_more(self, run: Run, found: float, unread: list[BookedPulse]) -> None:
+        """Put energy on all books that pulses of an intensity that was found had besides."""
+        found = min(found, 1.0)
+        pulses = [
             BookedPulse(pulse.time_ns, found, self.limits.energy_j(found) - pulse.energy_j)
             for pulse in unread
             if found > pulse.intensity
         ]
-        self._count_more(run, more)
-        return found, False
-
-    def _count_more(self, run: Run, pulses: list[BookedPulse]) -> None:
-        """Put energy on all books that pulses had beside what was booked before them."""
         now, energy = self._clock(), sum(pulse.energy_j for pulse in pulses)
         for books in (self.limiter, self.confirmed):
             books.book_more(now, energy)
@@ -405,7 +408,7 @@ class StimulationController(DeviceOwner):
         run.energy_j += energy
         with self._deadlines.of('ledger', self.settings.open_limit_s):
             try:
-                if pulses and self._reservations is not None:
+                if pulses:
                     self.ledger.count(pulses)
             except LedgerError as error:
                 self.fail('ledger', str(error))
@@ -437,10 +440,10 @@ class StimulationController(DeviceOwner):
     def _pulse(self, run: Run) -> None:
         """Fire the pulse that is due, if everything allows it at this very moment."""
         since = self._epoch
-        if self._charged is False:
-            # after the pulse before it was charging
+        if self._charging:
+            # after the pulse before
             self._ask_status(since)
-            if self._charged is False:
+            if self._charging:
                 self.fail('ready', 'expected a charged device, got one that is not ready')
                 return
         if not self._permitted(run):
@@ -451,22 +454,23 @@ class StimulationController(DeviceOwner):
             # a stop came while the books were written
             return
         began = self._clock()
+        told = pulse.intensity, pulse.width_s, latest_ns
+        unknown = Delivery(onset_ns, pulse.intensity, frozenset(UNVERIFIED))
+        fired = dataclasses.replace(pulse, delivery=unknown)
         try:
-            told = pulse.intensity, pulse.width_s, latest_ns
             delivery = self._call('fire', since, self.device.fire, *told)
+            self._answered_ns = self._clock()
+            self._account(run, dataclasses.replace(pulse, delivery=delivery), began)
+            known = delivery and self._looked_at(run, delivery, since)
+            fired = dataclasses.replace(pulse, delivery=known)
         except TooLate:
             self.commanded -= 1
             self._count_dropped(run, _LATE)
             return
-        except DeviceError:
-            unknown = Delivery(onset_ns, pulse.intensity, frozenset(UNVERIFIED))
-            self._report_pulse(dataclasses.replace(pulse, delivery=unknown))
-            return
-        self._answered_ns = self._clock()
-        fired = dataclasses.replace(pulse, delivery=delivery)
-        self._account(run, fired, began)
-        if delivery is not None:
-            fired = dataclasses.replace(fired, delivery=self._looked_at(run, delivery, since))
+        except Exception:
+            # whatever was answered, the trigger was sent
+            self._report_pulse(fired)
+            raise
         self._report_pulse(fired)
 
     def _looked_at(self, run: Run, delivery: Delivery, since: object) -> Delivery:
@@ -567,16 +571,23 @@ class StimulationController(DeviceOwner):
             if self.state is State.RUNNING:
                 self.fail('lost', 'expected a pulse from the device, got none')
             return
+        slow_s = (delivery.time_ns - began_ns) / NANOSECONDS_PER_SECOND
+        if slow_s < -_EARLY_S:
+            self.fail('lost', f'expected a pulse after its trigger, got one {-slow_s:.3g} s before')
+            raise DeviceError(self.reason)
         run.delivered += 1
         self.limiter.correct(delivery.time_ns)
         self.confirmed.book(delivery.time_ns, fired.intensity)
         self.lateness.add(delivery.time_ns - fired.due_ns)
         tolerance = self.settings.intensity_tolerance
         wrong = intensity_fault(delivery.intensity, fired.intensity, tolerance)
-        slow_s = (delivery.time_ns - began_ns) / NANOSECONDS_PER_SECOND
         limit_s = self.settings.response_limit_s
         if wrong is not None:
+            energy_j = self.limits.energy_j(fired.intensity)
+            this = BookedPulse(delivery.time_ns, fired.intensity, energy_j)
+            unread, self._unread = self._unread or [this], []
             self.fail('intensity', wrong)
+            self._count_more(run, delivery.intensity, unread)
         elif slow_s > limit_s:
             reason = f'expected the pulse within {limit_s:g} s, got it after {slow_s:.3g} s'
             self.fail('slow', reason)

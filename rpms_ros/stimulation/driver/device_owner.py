@@ -193,19 +193,24 @@ def intensity_fault(given: float | None, expected: float | None, tolerance: floa
     return f'expected intensity {expected:.3g} from the device, got {given:.3g}'
 
 
+def _denied(flag: object) -> bool:
+    """Return whether a device says no, be it by a bit or a number of NumPy; None is no answer."""
+    return flag is not None and not flag
+
+
 def fault_of(status: DeviceStatus, told: float | None, tolerance: float) -> tuple[str, str] | None:
     """Return name and reason of why an armed device must not fire, None if nothing is wrong.
 
     Whether it is charged is asked right before a pulse: after the one before it takes its time.
     """
     wrong = intensity_fault(status.intensity, told, tolerance)
-    if status.coil_present is False:
+    if _denied(status.coil_present):
         return 'coil', 'expected a coil, got none'
     if status.replace_coil:
         return 'coil', 'expected a usable coil, got one to be replaced'
     if status.error:
         return 'error', 'expected a device without an error, got one'
-    if status.armed is False:
+    if _denied(status.armed):
         return 'armed', 'expected an armed device, got a disarmed one'
     return None if wrong is None else ('intensity', wrong)
 
@@ -261,7 +266,7 @@ class DeviceOwner(SafetyMonitor):
         self._reading_ns = _READING_NS
         # what the device was told and what it said
         self._set_intensity: float | None = None
-        self._charged: bool | None = None
+        self._charging = False
 
     def configure(self) -> None:
         """Open the device.
@@ -356,7 +361,11 @@ class DeviceOwner(SafetyMonitor):
         self.interlocks.awake()
         self._refuse_if_open()
         since, limit_s = self._epoch, self.device.arm_s + self.settings.stuck_limit_s
-        self._use_status(self._call('arm', since, self.device.arm, limit_s=limit_s), since, 0.0)
+        status = self._call('arm', since, self.device.arm, limit_s=limit_s)
+        if status is None:
+            self.fail('device', 'arm: expected the status of the device, got none')
+            raise DeviceError(self.reason)
+        self._use_status(status, since, 0.0)
         self._armed_ns = self._active_ns = self._answered_ns = self._clock()
         self._set_intensity = 0.0
         if not self._enter(Command.ARM, 'armed', since):
@@ -475,7 +484,7 @@ class DeviceOwner(SafetyMonitor):
         """
         if status is None or since is not self._epoch:
             return
-        self._charged = status.ready
+        self._charging = _denied(status.ready)
         self._apply_temperature(status)
         if (fault := fault_of(status, told, self.settings.intensity_tolerance)) is not None:
             self.fail(*fault)

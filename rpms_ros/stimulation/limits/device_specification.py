@@ -29,6 +29,8 @@ _OF_REAL_DEVICES = {
     'pulse_energy_j': Bound(0.0, 10_000.0, 'J', above=True),
     'maximum_rate_hz': Bound(0.0, 100.0, 'Hz', above=True),
     'maximum_intensity_rise': Bound(0.0, 0.5),
+    # shorter ones would make a train of each pulse
+    'minimum_pause_s': Bound(0.5, 86_400.0, 's'),
 }
 _KEYS = ['name', 'description', 'serial_number', 'simulated_only', 'limits', 'thermal', 'sources']
 

@@ -27,6 +27,11 @@ from rpms_ros.stimulation.limits.limiter import (
 )
 from rpms_ros.stimulation.schedule.schedule import Plan, Schedule
 
+MOST_PULSES = 40_000
+"""Of a schedule that a driver runs: each costs 5 us before the first one."""
+# How long after it was armed a driver begins [ns].
+_BEGINS_NS = 2 * NANOSECONDS_PER_SECOND
+
 
 @dataclass(frozen=True)
 class Violation:
@@ -100,11 +105,15 @@ def forecast(
     trial = Trial(PulseLimiter(limits), CoilTemperature(thermal) if thermal else None, 0)
     found: dict[str, tuple[str, float]] = {}
     pulses: Counter[str] = Counter()
-    for time_s, (limit, reason) in trial.refusals(plan, schedule.width_s, 0):
+    for time_s, (limit, reason) in trial.refusals(plan, schedule.width_s, _BEGINS_NS):
         found.setdefault(limit, (reason, time_s))
         # the end is no pulse
         pulses[limit] += time_s < plan.duration_s
     broken = [Violation(name, *first, pulses[name]) for name, first in found.items()]
+    if (more := len(plan) - MOST_PULSES) > 0:
+        why = f'expected at most {MOST_PULSES} pulses in a schedule, got {len(plan)}'
+        time_s = float(plan.onset_ns[MOST_PULSES]) / NANOSECONDS_PER_SECOND
+        broken.append(Violation('schedule_pulses', why, time_s, more))
     if dose is not None:
         broken += _over_dose(plan, limits, dose)
     energy = limits.pulse_energy_j * float(np.square(plan.intensity).sum())

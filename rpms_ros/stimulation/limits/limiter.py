@@ -193,7 +193,7 @@ class DoseLimits(Bounded):
 
     pulses: int = bounded(Bound(1, 10_000_000, whole=True))
     energy_j: float = bounded(Bound(0.0, 1e9, 'J'))
-    window_h: float = bounded(Bound(0.0, 168.0, 'h', above=True))
+    window_h: float = bounded(Bound(1.0, 168.0, 'h'))
 
 
 TIMING_LIMITS = ('maximum_rate_hz', 'rate_limits_hz')

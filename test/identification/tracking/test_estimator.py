@@ -80,6 +80,15 @@ def test_a_steady_muscle(living_sessions, excitation):
     assert abs(last.rate[0]) < 1.0
 
 
+def test_a_muscle_that_pushes_is_doubted(living_sessions):
+    session = living_sessions.session('steady', 'random', 3, 6.0)
+    _, estimates = run(replace(session, force=-session.force))
+    assert estimates[-1].curve_known
+    assert estimates[-1].curve_force[-1] < 0.0
+    assert estimates[-1].doubts == ('curve_negative',)
+    assert 'the curve is negative: a muscle does not push' in estimates[-1].reasons
+
+
 def test_a_basis_can_be_adopted_while_a_change_is_looked_for(living_sessions, monkeypatch):
     """An estimate was made with a knot more than its covariance had, and failed."""
     session = living_sessions.session('steady', 'random', 3, 13.0)
