@@ -217,7 +217,8 @@ class Publishers:
     def noted(self, estimate: Estimate) -> Estimate:
         """Return the estimate with what was found here among its faults and doubts."""
         doubts = (*estimate.doubts, *sorted(set(chain(*self._recent))))
-        return replace(estimate, doubts=doubts, faults={**estimate.faults, **self.fault_counts})
+        counted = dict(Counter(estimate.faults) + self.fault_counts)
+        return replace(estimate, doubts=doubts, faults=counted)
 
 
 def identifier_health(
@@ -302,8 +303,9 @@ class Identifier(NodeOfParts):
         self.stream = build_stream(self.settings)
         for ear in (self._force, self._pulses):
             ear.taken()
+            ear.lost = 0
         self._senders = Publishers(self)
-        self._reported = {}
+        self._reported, self._doubted = {}, ''
         self._last = None
         return 'reset: the identification starts again'
 
@@ -333,14 +335,12 @@ class Identifier(NodeOfParts):
         return answer
 
     def _take(self) -> None:
-        """Pass what has come to the stream.
-
-        A reliable force comes twice where best effort is subscribed to as well; it is taken from
-        there only if all of its publishers are best effort.
-        """
+        """Pass what has come to the stream."""
         # Pulses last: none is handed over later than a sample that came after it.
         forces = self._force.taken()
         pulses = self._pulses.taken()
+        if self._force.lost:
+            self._senders.fault_counts[faults.FORCE_QUEUE_FULL] = self._force.lost
         if forces:
             self._heard = time.monotonic()
         train = PulseTrain.of(
@@ -382,10 +382,11 @@ class Identifier(NodeOfParts):
     def _report(self) -> None:
         self._senders.look()
         topic = self.resolve_topic_name(topics.FORCE)
-        if self._force.look():
-            said = f'{topic} is published best effort: it is heard, and samples may be lost'
-            logger_of(self).warning(said)
-        faults = {**self.stream.fault_counts, **self._senders.fault_counts}
+        for ear in (self._force, self._pulses):
+            if ear.look():
+                said = f'{ear.name} is published best effort: it is heard, and messages may be lost'
+                logger_of(self).warning(said)
+        faults = dict(Counter(self.stream.fault_counts) + self._senders.fault_counts)
         for name, count in faults.items():
             if count != self._reported.get(name):
                 logger_of(self).warning(f'{name}: {count} so far')

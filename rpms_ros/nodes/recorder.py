@@ -131,16 +131,13 @@ class RecorderParameters(NodeParameters):
 
 @dataclass
 class _Topic:
-    """One topic that is heard; of several publishers it is not known what was lost."""
+    """One topic that is heard."""
 
     name: str
     kind: Any
     ear: QueuedTopic
     number: int | None = None
     """In the recording, once a message has come."""
-    most_publishers: int = 0
-    lost: int = 0
-    newest: int | None = None
 
 
 class Recorder(NodeOfParts):
@@ -186,7 +183,7 @@ class Recorder(NodeOfParts):
     @property
     def lost(self) -> dict[str, int]:
         """Messages that are missing in the numbers of their publisher, by topic."""
-        return {topic.name: topic.lost for topic in self._topics.values() if topic.lost}
+        return {topic.name: topic.ear.lost for topic in self._topics.values() if topic.ear.lost}
 
     def _take(self) -> None:
         """Write the new messages in the order of their arrival."""
@@ -196,7 +193,6 @@ class Recorder(NodeOfParts):
         for topic in self._topics.values():
             arrived_ns = 0
             for taken in topic.ear.taken():
-                self._count_lost(topic, taken.sequence)
                 received_ns = taken.received_ns or time.time_ns()
                 # A clock that is set back must not change the order within a topic.
                 arrived_ns = max(arrived_ns, received_ns)
@@ -211,24 +207,17 @@ class Recorder(NodeOfParts):
             self.counts[topic.name] += 1
             self._writer.append(topic.number, received_ns, data)
 
-    def _count_publishers(self, topic: _Topic) -> None:
-        topic.most_publishers = max(topic.most_publishers, self.count_publishers(topic.name))
-
-    def _count_lost(self, topic: _Topic, sequence: int | None) -> None:
-        """Count what is missing in the numbers of a publisher; one that is new begins anew."""
-        newest, topic.newest = topic.newest, sequence
-        if newest is not None and sequence is not None and sequence > newest + 1:
-            self._count_publishers(topic)
-            topic.lost += sequence - newest - 1 if topic.most_publishers < 2 else 0
-
-    def _report(self) -> None:
-        """Check the publishers and publish the health of the recorder."""
-        if self._closed:
-            return
+    def _look(self) -> None:
+        """Look at the publishers."""
         for topic in self._topics.values():
             if topic.ear.look():
                 how = 'published best effort: it is recorded, and messages may be lost'
                 logger_of(self).warning(f'{topic.ear.name} is {how}')
+
+    def _report(self) -> None:
+        """Publish the health of the recorder."""
+        if self._closed:
+            return
         before, self._told = self._told, self.lost
         for name, count in self._told.items():
             if count != before.get(name):
@@ -239,8 +228,7 @@ class Recorder(NodeOfParts):
     def _flush(self) -> None:
         if self._closed:
             return
-        for topic in self._topics.values():
-            self._count_publishers(topic)
+        self._look()
         try:
             self._writer.flush()
         except RecordingError as error:
@@ -253,12 +241,11 @@ class Recorder(NodeOfParts):
         # Messages that wait belong to the recording.
         with suppress(RecordingError):
             self._take()
+        self._look()
         self._closed = True
-        lost, publishers = {}, {}
-        for topic in self._topics.values():
-            self._count_publishers(topic)
-            lost[topic.ear.name] = topic.lost
-            publishers[topic.ear.name] = topic.most_publishers
+        ears = [topic.ear for topic in self._topics.values()]
+        lost = {ear.name: ear.lost for ear in ears}
+        publishers = {ear.name: ear.publishers for ear in ears}
         for key, counts in ((PUBLISHERS_KEY, publishers), (LOST_KEY, lost)):
             known = {name: count for name, count in counts.items() if count}
             self._writer.custom[key] = json.dumps(known)
@@ -267,7 +254,9 @@ class Recorder(NodeOfParts):
         except RecordingError as error:
             logger_of(self).error(str(error))
             return
-        logger_of(self).info(f'closed {self.path}: {sum(self.counts.values())} messages')
+        total = sum(self.counts.values())
+        log = logger_of(self)
+        (log.info if total else log.warning)(f'closed {self.path}: {total} messages')
 
 
 # Runs the recorder as a process.

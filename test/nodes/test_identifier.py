@@ -137,6 +137,38 @@ def test_a_best_effort_sensor_is_heard(graph, capfd):
     assert '/force is published best effort' in ''.join(capfd.readouterr())
 
 
+def test_what_a_full_queue_loses_is_a_fault_of_the_estimate(graph):
+    bench, (pulses, forces) = Bench(graph), recording()
+    assert bench.send(*part(pulses, forces, 0, 1000)).faults == {}
+    # the identifier does not look meanwhile, as where a callback beside it blocks
+    depth = qos.FORCE.depth
+    for stamp_ns in range(100):
+        early = messages.force_message(stamp_ns, 0.0, messages.AXES['z'], MESSAGE_TYPES)
+        bench._forces.publish(early)
+    sample = messages.force_message(
+        int(forces.stamp_ns[999]), float(forces.force[999]), messages.AXES['z'], MESSAGE_TYPES
+    )
+    for _ in range(depth):
+        bench._forces.publish(sample)
+    last = bench.send(*part(pulses, forces, 1000, 2000))
+    assert last.faults['force_queue_full'] >= 100
+
+
+def test_pulses_that_are_published_best_effort_are_heard(graph, capfd):
+    identifier = graph.add(Identifier)
+    driver = graph.publisher(PulseMessage, 'pulses', qos.VIEW)
+    heard = []
+    taken = identifier._pulses.taken
+    identifier._pulses.taken = lambda: heard.extend(taken()) or []
+
+    def hears():
+        driver.publish(messages.pulse_message(messages.Pulse(START_NS, 0.5), MESSAGE_TYPES))
+        return bool(heard)
+
+    graph.wait_for(hears)
+    assert '/pulses is published best effort' in ''.join(capfd.readouterr())
+
+
 def test_a_second_publisher_on_the_graph_is_a_fault_and_a_doubt(graph, capfd):
     bench = Bench(graph)
     other = graph.node('other')
@@ -261,7 +293,12 @@ def test_the_log_says_when_the_estimate_is_not_to_be_trusted(graph, capfd):
     graph.wait_for(lambda: heard('curve_negative: the curve is negative: a muscle does not push'))
     assert 'the estimate is not to be trusted: ' in ''.join(said)
     bench.identifier._reset()
-    graph.wait_for(lambda: heard('nothing speaks against the estimate any more'))
+    bench.identifier._report()
+    assert not heard('nothing speaks against the estimate any more')
+    for doubts in (('curve_negative',), ()):
+        bench.identifier._last = replace(last, doubts=doubts)
+        bench.identifier._report()
+    assert heard('nothing speaks against the estimate any more')
 
 
 @pytest.mark.parametrize(

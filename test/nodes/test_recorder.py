@@ -101,7 +101,7 @@ def test_a_topic_is_recorded_with_the_quality_of_its_publishers(graph, tmp_path)
     graph.wait_for(lambda: pulses[0].get_subscription_count() == 1)
     pulses[0].publish(messages.pulse_message(Pulse(10**18, 0.5), MESSAGE_TYPES))
     graph.wait_for(lambda: recorder.counts['pulses'] == 1)
-    graph.wait_for(lambda: recorder._topics['pulses'].most_publishers == 2)
+    graph.wait_for(lambda: recorder._topics['pulses'].ear.publishers == 2)
     recorder.close()
     with Reader(path) as reader:
         found = {each.topic: each for each in reader.connections}
@@ -132,6 +132,35 @@ def test_of_two_publishers_all_is_recorded_and_no_loss_is_claimed(graph, tmp_pat
     lines = faults(tmp_path / 'session')
     assert '/force had 2 publishers' in lines
     assert not [line for line in lines if 'lost' in line]
+
+
+def test_a_best_effort_sensor_is_recorded_whoever_else_is_on_the_graph(graph, tmp_path):
+    """All was left out once a reliable publisher was there that sent nothing."""
+    recorder = graph.add(Recorder, path=str(tmp_path / 'session'))
+    sensor = graph.publisher(WrenchStamped, 'force', qos.FORCE_BEST_EFFORT)
+    sample = messages.force_message(1, 1.0, messages.AXES['z'], MESSAGE_TYPES)
+
+    def heard():
+        sensor.publish(sample)
+        return recorder.counts['force'] > 0
+
+    graph.wait_for(heard)
+    graph.wait_for(lambda: sensor.get_subscription_count() == 1)
+    reliable = Source(graph)
+    # both of its subscriptions hear this one
+    graph.wait_for(lambda: reliable._force.get_subscription_count() == 2)
+    graph.wait_for(lambda: recorder._topics['force'].ear.publishers == 2)
+    before = recorder.counts['force']
+    for _ in range(10):
+        sensor.publish(sample)
+    graph.wait_for(lambda: recorder.counts['force'] >= before + 10)
+    # and what both subscriptions hear is there once
+    before = recorder.counts['force']
+    reliable.send(10)
+    graph.wait_for(lambda: recorder.counts['force'] >= before + 10)
+    recorder._take()
+    assert recorder.counts['force'] == before + 10
+    recorder.close()
 
 
 def test_what_a_full_queue_loses_is_counted(graph, tmp_path):

@@ -485,8 +485,8 @@ def fitted_muscle_of(path: Path | str, unit: str = 'N') -> FittedMuscle:
     """
     try:
         path = Path(path)
-        if path.stat().st_size > _LARGEST_RESULT:
-            raise ValueError(f'{path.stat().st_size} bytes')
+        if not path.is_file() or path.stat().st_size > _LARGEST_RESULT:
+            raise ValueError(f'no file of at most {_LARGEST_RESULT} bytes')
         document = json.loads(path.read_text())
         muscle, its = document['muscle'], document['unit']
         values: dict[str, Any] = {

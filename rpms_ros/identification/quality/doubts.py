@@ -74,7 +74,7 @@ MEANING: Mapping[str, str] = {
     'three a second on, as two sensors on one topic make them, learning waits',
     FORCE_STAMP_ALONE: 'force samples stamped far from those before and after them, dropped',
     FORCE_GAP: 'gaps in the force longer than allowed; learning waits for one memory after it',
-    FORCE_QUEUE_FULL: 'force samples for which there was no room while they waited, dropped',
+    FORCE_QUEUE_FULL: 'force samples that were lost on their way, or had no room while they waited',
     FORCE_SPIKE: 'force samples that leave the course of their neighbours for less than 10 ms; '
     'not learnt from',
     FORCE_OUTLIER: 'force samples that jump away from their prediction and back within 20 ms '

@@ -6,7 +6,9 @@ An executor of rclpy hands out messages topic by topic.  Subscriptions of a seco
 in no executor, keep them with the time of their reception.
 """
 
+from heapq import merge
 from itertools import islice
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 from rclpy.node import Node
@@ -49,11 +51,12 @@ _MOST = 20_000
 
 
 class Taken(NamedTuple):
-    """One message, serialised; its number, counted by its publisher, if known; reception [ns]."""
+    """One message, serialised, by its publisher's count and clock; reception [ns]."""
 
     data: bytes
     sequence: int | None
     received_ns: int
+    sent_ns: int
 
 
 def drained(subscription: Subscription | None) -> list[Taken]:
@@ -64,13 +67,18 @@ def drained(subscription: Subscription | None) -> list[Taken]:
     with handle:
         waiting = iter(lambda: handle.take_message(subscription.msg_type, True), None)
         return [
-            Taken(data, about['publication_sequence_number'], about['received_timestamp'])
+            Taken(
+                data,
+                about['publication_sequence_number'],
+                about['received_timestamp'],
+                about['source_timestamp'],
+            )
             for data, about in islice(waiting, _MOST)
         ]
 
 
 class QueuedTopic:
-    """Hears a topic reliably, and best effort where nobody publishes it otherwise.
+    """Hears a topic reliably, and best effort too once nobody publishes it otherwise.
 
     Parameters
     ----------
@@ -89,6 +97,10 @@ class QueuedTopic:
     ----------
     name : str
         Whole name of the topic.
+    publishers : int
+        Most that there were at a time.
+    lost : int
+        Messages that are missing in the numbers of the publisher; of several it is not known.
     """
 
     def __init__(
@@ -98,20 +110,46 @@ class QueuedTopic:
         self._listener, self._kind = listener, kind
         self._reliable = queued_subscription(listener, kind, self.name, profile)
         self._best_effort: Subscription | None = None
-        self._alone = False
+        # messages that came, of which the other subscription may have a copy: newest and before
+        self._new: set[tuple[int | None, int]] = set()
+        self._old = self._new
+        self._newest: int | None = None
+        self.publishers = self.lost = 0
 
     def look(self) -> bool:
         """Look at the publishers; return whether it is heard best effort from now on."""
         infos = self._listener.get_publishers_info_by_topic(self.name)
-        self._alone = bool(infos) and all(
+        self.publishers = max(self.publishers, len(infos))
+        alone = bool(infos) and all(
             one.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT for one in infos
         )
-        begins = self._alone and self._best_effort is None
+        begins = alone and self._best_effort is None
         if begins:
             self._best_effort = queued_subscription(self._listener, self._kind, self.name, VIEW)
         return begins
 
     def taken(self) -> list[Taken]:
-        """Return what has come; both subscriptions receive from reliable publishers."""
-        reliable, best_effort = drained(self._reliable), drained(self._best_effort)
-        return reliable + best_effort if self._alone else reliable
+        """Return what has come, and count what has not.
+
+        From reliable publishers both subscriptions receive, at different times.
+        """
+        found = drained(self._reliable)
+        if self._best_effort is not None:
+            both = merge(found, drained(self._best_effort), key=attrgetter('received_ns'))
+            found = [one for one in both if self._is_new(one)]
+        for one in found:
+            newest, self._newest = self._newest, one.sequence
+            if newest is not None and one.sequence is not None and one.sequence > newest + 1:
+                self.publishers = max(self.publishers, self._listener.count_publishers(self.name))
+                # one that is new begins anew
+                self.lost += one.sequence - newest - 1 if self.publishers < 2 else 0
+        return found
+
+    def _is_new(self, taken: Taken) -> bool:
+        key = taken.sequence, taken.sent_ns
+        if key in self._new or key in self._old:
+            return False
+        if len(self._new) >= _MOST:
+            self._old, self._new = self._new, set()
+        self._new.add(key)
+        return True

@@ -82,7 +82,7 @@ def test_a_steady_muscle(living_sessions, excitation):
 
 def test_a_muscle_that_pushes_is_doubted(living_sessions):
     session = living_sessions.session('steady', 'random', 3, 6.0)
-    _, estimates = run(replace(session, force=-session.force))
+    _, estimates = run(session._replace(force=-session.force))
     assert estimates[-1].curve_known
     assert estimates[-1].curve_force[-1] < 0.0
     assert estimates[-1].doubts == ('curve_negative',)
