@@ -5,7 +5,7 @@
 The samples are condensed into blocks of one pulse each, from which the normal equations of any
 parameters follow exactly (`rpms_ros.identification.estimation.blocks`), so that the cost of a fit
 grows with the pulses, not with the samples.  A fit is made whenever the recording has grown
-fourfold, so that every sample has an a-priori prediction, and once more for an estimate, from
+fourfold, and anew so from the first pulse on, so that every sample has an a-priori prediction, and once more for an estimate, from
 several starts.
 
 **Basis.**  With `choose_basis`, latency and time constant of the basis are chosen by how well the
@@ -102,6 +102,9 @@ class BatchEstimator(ProjectionEstimator):
         super().__init__(settings, rate_hz)
         self.unexplained = np.empty((0, 2))
         self._origin_ns: int | None = None
+        # the first pulse, and when a fit was due last
+        self._begun_ns: int | None = None
+        self._past_ns = 2**62
         self._last_ns = self._due_ns = self._compared_ns = self._shift_ns = 0
         self._interval_ns = _FIRST_FIT_NS
         self._fitted_samples = self._searches = 0
@@ -110,7 +113,11 @@ class BatchEstimator(ProjectionEstimator):
     def add_pulses(self, onset_ns: IntArray, intensity: FloatArray) -> None:
         """Add pulses (pulses,), ascending, none before one that was already added [ns, 1]."""
         if len(onset_ns):
-            super().add_pulses(self._in_a_row(onset_ns), intensity)
+            onset_ns = self._in_a_row(onset_ns)
+            super().add_pulses(onset_ns, intensity)
+            acting_ns = onset_ns[intensity > 0.0]
+            if self._begun_ns is None and len(acting_ns):
+                self._begun_ns = int(acting_ns[0])
 
     def forget_pulses(self) -> None:
         """Drop the pulses that still act: the clock has jumped, their lag is unknown."""
@@ -131,12 +138,18 @@ class BatchEstimator(ProjectionEstimator):
             self._origin_ns = int(stamp_ns[0])
             self._due_ns = self._origin_ns + _FIRST_FIT_NS
         while first < len(stamp_ns):
+            begun_ns = self._origin_ns if self._begun_ns is None else self._begun_ns
+            if self._past_ns <= begun_ns < self._due_ns:
+                # what was fitted at rest says nothing of the pulses
+                self._due_ns, self._interval_ns = begun_ns + _FIRST_FIT_NS, _FIRST_FIT_NS
             if stamp_ns[first] >= self._due_ns:
-                early = self._last_ns - self._origin_ns < _LAST_SCOUTING_NS
+                early = self._last_ns - max(self._origin_ns, begun_ns) < _LAST_SCOUTING_NS
                 self._fit_all(scouting=early, final=False)
                 while stamp_ns[first] >= self._due_ns:
+                    self._past_ns = self._due_ns
                     self._interval_ns *= _GROWTH
                     self._due_ns += self._interval_ns
+                continue
             last = int(np.searchsorted(stamp_ns, self._due_ns))
             part = slice(first, last)
             self._make_room(int(stamp_ns[last - 1] - stamp_ns[first]))

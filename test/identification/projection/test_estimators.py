@@ -218,6 +218,23 @@ def test_more_pulses_than_there_is_room_for_are_a_fault(recorded):
     )
 
 
+@pytest.mark.parametrize('rest_s', [1.5, 4.6, 6.0, 30.0])
+def test_a_muscle_is_predicted_soon_after_a_rest_at_the_beginning(recorded, rest_s):
+    """A fit made at rest told nothing of the pulses, and the next came after 15 s or a minute."""
+    take, rest = recorded(12.0, noise=0.005), int(1000 * rest_s)
+    noise = np.random.default_rng(2).normal(0.0, 0.05, rest)
+    late = take._replace(
+        onset_ns=take.onset_ns + 1_000_000 * rest,
+        stamp_ns=np.arange(rest + len(take.force), dtype=np.int64) * 1_000_000,
+        force=np.concatenate((noise, take.force)),
+    )
+    prediction = late.feed(BatchEstimator(SETTINGS))
+    settled = (late.force - prediction)[rest + 6000 :]
+    assert np.sqrt(np.mean(settled**2)) < 0.02 * np.ptp(late.force)
+    cuts = (rest // 2, rest + 100, rest + 900, rest + 1100)
+    assert np.array_equal(late.feed(BatchEstimator(SETTINGS), cuts=cuts), prediction)
+
+
 @pytest.mark.parametrize('gap', [5, 60])
 def test_the_prediction_after_a_gap_stays_near_the_force(gap, recorded):
     take = recorded(10.0 + gap + 3.0, noise=0.005)

@@ -85,7 +85,7 @@ def test_a_muscle_that_pushes_is_doubted(living_sessions):
     _, estimates = run(session._replace(force=-session.force))
     assert estimates[-1].curve_known
     assert estimates[-1].curve_force[-1] < 0.0
-    assert estimates[-1].doubts == ('curve_negative',)
+    assert estimates[-1].doubts == ('curve_negative', 'response_negative')
     assert 'the curve is negative: a muscle does not push' in estimates[-1].reasons
 
 
