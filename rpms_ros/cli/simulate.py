@@ -54,7 +54,8 @@ def add_simulate(subparsers: Subparsers) -> None:
     group.add_argument('--own-rates', action='store_true', help=text)
     add_option(group, '--rate HZ', 1000.0, 'of the force')
     for name, what in _DISTURBANCES.items():
-        add_option(group, f'--{name} N', 0.0, f'{what} [N]')
+        text = f'{what} [N] (default: that of the scenario, else 0)'
+        add_option(group, f'--{name} N', None, text, type=float)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -74,6 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
     from rpms_ros.muscle import Contraction, subject_by_name
     from rpms_ros.muscle.motor_units import MotorUnits
     from rpms_ros.muscle.scenario import Scenario, load_scenario
+    from rpms_ros.muscle.sensor import Disturbances
     from rpms_ros.muscle.simulation import Surroundings, simulate_session
     from rpms_ros.recording import write_recording
 
@@ -81,7 +83,8 @@ def run(arguments: argparse.Namespace) -> int:
         raise RecordingError(f'expected a new folder for the recording, got {arguments.out}')
     scenario = load_scenario(arguments.scenario) if arguments.scenario else Scenario()
     # those that are given replace those of the scenario
-    given = {name: getattr(arguments, name) for name in _DISTURBANCES if getattr(arguments, name)}
+    values = {name: getattr(arguments, name) for name in _DISTURBANCES}
+    given = {name: value for name, value in values.items() if value is not None}
     scenario = replace(scenario, disturbances=replace(scenario.disturbances, **given))
     seed, rate = arguments.seed, arguments.pulse_rate
     schedule = simulating.named_schedule(
@@ -106,6 +109,8 @@ def run(arguments: argparse.Namespace) -> int:
             simulating.TRUTH_RATE if arguments.scenario or of_units else 0.0,
             advance,
         )
+    each = vars(scenario.disturbances).items()
+    added = {name: value for name, value in each if value != getattr(Disturbances, name)}
     write_recording(
         arguments.out,
         pulses,
@@ -113,7 +118,8 @@ def run(arguments: argparse.Namespace) -> int:
         compression=arguments.compression,
         custom={
             ('motor_units' if of_units else 'subject'): json.dumps(asdict(subject)),
-            'disturbances': json.dumps(given),
+            'scenario': scenario.name,
+            'disturbances': json.dumps(added),
             'schedule': schedule.name,
             'seed': str(seed),
         },

@@ -59,7 +59,7 @@ _ADVICE = (
     ('force_unexplained', 'Look where the residual is largest: effort, spasm or a moved coil.'),
     (
         'identified muscle explains',
-        'Identify again with --estimator batch, and look at the force below.',
+        'Look at the force below, and whether the intensity of each pulse was recorded.',
     ),
 )
 _NO_CURVE = 'For a recruitment curve, stimulate with several intensities.'
@@ -85,7 +85,7 @@ def headline_of(result: IdentificationResult, session: IdentifiedSession) -> Hea
     """
     course = course_of(session)
     return Headline(
-        steadiness=steadiness(course),
+        steadiness=steadiness(course) if result.verdict.grade != 'no' else 'Not known.',
         next_steps=_next_steps(result),
         effort=_effort(course, session.force[session.usable], session.last.unit),
     )
@@ -116,7 +116,13 @@ def _next_steps(result: IdentificationResult) -> list[str]:
             return steps or [_USE]
         known = 'T_a' if result.dynamics is None else 'onset, T_a'
         return steps or [f'Use {known} and latency. {_NO_CURVE}']
-    steps += [step for reason in verdict.reasons for sign, step in _ADVICE if sign in reason]
+    done = f'--estimator {result.estimator},'
+    steps += [
+        step
+        for reason in verdict.reasons
+        for sign, step in _ADVICE
+        if sign in reason and done not in step
+    ]
     return list(dict.fromkeys(steps)) or ['Look at the reasons above, and record again.']
 
 
@@ -254,9 +260,13 @@ def report_of(
 
 def _sentence(result: IdentificationResult, dose: Dose) -> str:
     """Return the sentence for a paper."""
+    if result.verdict.grade == 'no':
+        return f'No muscle was identified: {result.verdict.reasons[0]}.'
     what = QUANTITIES[result.unit]
     found = result.dynamics
     identified, by = 'Recruitment and impulse response', f'estimator {result.estimator}'
+    if result.curve is None:
+        identified = 'The response to a pulse and its latency'
     if found is not None:
         identified, by = 'Dynamics', found.model
     counts = f'{counted(result.pulses, "pulse")} and {counted(result.samples, "sample")}'
@@ -276,7 +286,8 @@ def _sentence(result: IdentificationResult, dose: Dose) -> str:
             f'(100 (1 - |residual| / |force - mean|)) of {counted(found.trains, "train")} at '
             'their own rate.'
         )
-    text += f'; the recruitment curve is stated for {result.rate_hz:g} Hz'
+    if result.curve is not None:
+        text += f'; the recruitment curve is stated for {result.rate_hz:g} Hz'
     if result.confidence:
         text += f' with intervals of {100 * result.confidence:g} %'
     if not np.isfinite(result.output_error_n):

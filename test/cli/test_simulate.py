@@ -11,7 +11,7 @@ from rosbags.rosbag2 import Reader
 import rpms_ros
 from rpms_ros.estimate_messages import truth_of
 from rpms_ros.muscle import Contraction, simulation_subject
-from rpms_ros.recording import read_recording
+from rpms_ros.recording import read_facts, read_recording
 from rpms_ros.recording.rosbag.definitions import known_types
 from rpms_ros.report.recorded import true_muscle
 from rpms_ros.stimulation import paper_random
@@ -112,3 +112,15 @@ def test_a_scenario_is_recorded_with_its_truth(rpms, tmp_path):
     assert len(truths) == 40
     assert [truth.state.gain for truth in truths] == [1.0] * 20 + [0.5] * 20
     assert truths[0].curve_force[-1] == pytest.approx(10.0)
+
+
+def test_a_scenario_is_named_in_the_notes_with_what_the_sensor_adds(rpms, tmp_path):
+    options = ('--duration', 2, '--scenario', 'fatigue')
+    for name, more in (('as-it-is', ()), ('still', ('--noise', 0))):
+        assert rpms('simulate', '--out', tmp_path / name, *options, *more)[0] == 0
+    notes = [read_facts(tmp_path / name).custom for name in ('as-it-is', 'still')]
+    assert {one['scenario'] for one in notes} == {'fatigue'}
+    assert [one['disturbances'] for one in notes] == ['{"noise": 0.05}', '{}']
+    # an option that is given counts, be it 0
+    force = read_recording(tmp_path / 'still').forces.force
+    assert (np.diff(force[:10]) > 0.0).all()

@@ -16,9 +16,9 @@ from rpms_ros.recording import FurtherTopic, read_recording, write_recording
 from rpms_ros.report.dose import dose_of
 from rpms_ros.report.figures import draw
 from rpms_ros.report.page import as_page
-from rpms_ros.report.recorded import recorded_messages
+from rpms_ros.report.recorded import RecordedMessages, recorded_messages
 from rpms_ros.report.residuals import analyse_residuals, stimulation_at
-from rpms_ros.report.session_report import headline_of
+from rpms_ros.report.session_report import headline_of, report_of
 from rpms_ros.schema import plain
 
 START_NS = 1_700_000_000_000_000_000
@@ -137,6 +137,29 @@ def test_effort_is_told_where_it_is_sure(report, with_last):
 def test_what_to_do_follows_from_the_reason(report, reason, step):
     doubted = replace(report.result, verdict=Verdict(grade='no', reasons=(reason,)))
     assert step in ' '.join(headline_of(doubted, report.identified).next_steps)
+
+
+def test_nothing_is_claimed_where_the_verdict_is_no(report):
+    verdict = Verdict(grade='no', reasons=('the identified muscle explains 3 % of the force',))
+    result = replace(report.result, verdict=verdict, estimator='batch')
+    found = headline_of(result, report.identified)
+    assert found.steadiness == 'Not known.'
+    assert found.next_steps == [
+        'Look at the force below, and whether the intensity of each pulse was recorded.'
+    ]
+    made = report_of('it', report.recording, RecordedMessages(), report.identified, result)
+    assert made.methods['sentence'] == (
+        'No muscle was identified: the identified muscle explains 3 % of the force.'
+    )
+
+
+def test_a_recruitment_curve_is_claimed_only_where_there_is_one(report):
+    verdict = Verdict(grade='good', reasons=('dynamics only',))
+    result = replace(report.result, verdict=verdict, curve=None)
+    made = report_of('it', report.recording, RecordedMessages(), report.identified, result)
+    said = made.methods['sentence']
+    assert said.startswith('The response to a pulse and its latency were identified with')
+    assert 'recruitment' not in said
 
 
 @pytest.mark.usefixtures('without_figures')
