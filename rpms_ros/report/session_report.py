@@ -114,6 +114,8 @@ def _next_steps(result: IdentificationResult) -> list[str]:
     if verdict.grade == 'good':
         if result.curve is not None:
             return steps or [_USE]
+        if result.dynamics is None and result.physiology is None:
+            return steps or [_NO_CURVE]
         known = 'T_a' if result.dynamics is None else 'onset, T_a'
         return steps or [f'Use {known} and latency. {_NO_CURVE}']
     done = f'--estimator {result.estimator},'

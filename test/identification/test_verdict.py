@@ -97,6 +97,22 @@ def test_a_staircase_is_good():
     assert judged(simulated(intensity, 23), 'batch').grade == 'good'
 
 
+@pytest.mark.parametrize('way', ['rises', 'falls', None])
+def test_intensities_that_go_one_way_between_rests_are_doubted(way):
+    """Of a muscle that tires within each ramp all is explained, by another recruitment."""
+    ramp = np.linspace(0.0, 1.0, 80)
+    if way is None:
+        ramp = np.concatenate((ramp[::2], ramp[1::2][::-1]))
+    one = np.concatenate((ramp[::-1] if way == 'falls' else ramp, np.zeros(24)))
+    trial = simulated(np.tile(one, 4), 21)
+    pulses, forces = trial
+    verdict = judged((pulses[pulses.intensity > 0.0], forces))
+    assert verdict.grade == ('good' if way is None else 'doubtful')
+    assert any(f'between rests the intensity only {way}' in one for one in verdict.reasons) == (
+        way is not None
+    )
+
+
 def test_a_session_that_ends_below_the_threshold_is_good():
     intensity = np.random.default_rng(1).uniform(0.0, 1.0, 20 * SECONDS)
     intensity[len(intensity) // 2 - 20 :] = 0.1

@@ -421,6 +421,24 @@ def _of_the_explanation(found: SimulatedFit, span: float, unit: str) -> Iterator
     yield grade, text
 
 
+# A train ends with a rest of this length; what goes back by less than this share of the way there
+# is the jitter of a stimulator.
+_REST_NS, _BACK = NANOSECONDS_PER_SECOND, 0.1
+
+
+def _one_way(pulses: PulseTrain) -> str | None:
+    """Return which way alone the intensity goes in all trains, None if it goes both."""
+    pulses = pulses[np.argsort(pulses.onset_ns, kind='stable')]
+    ends = np.flatnonzero(np.diff(pulses.onset_ns) > _REST_NS) + 1
+    trains = np.split(pulses.intensity, ends)
+    least = _BACK * max(float(np.ptp(one)) for one in trains)
+    for way, sign in (('rises', 1.0), ('falls', -1.0)):
+        back = max(float((np.maximum.accumulate(sign * one) - sign * one).max()) for one in trains)
+        if back < least:
+            return way
+    return None
+
+
 def _of_the_estimator(
     session: IdentifiedSession, pulses: PulseTrain, explained: bool
 ) -> Iterator[Reason]:
@@ -442,6 +460,12 @@ def _of_the_estimator(
         yield DOUBTFUL, stated_doubt(last, name) + hint
     if not last.curve_known:
         return
+    if (way := _one_way(pulses)) is not None:
+        text = (
+            f'between rests the intensity only {way}: a muscle that tires, warms up or lags within '
+            'a train looks like one of another recruitment (random or catch pulses tell)'
+        )
+        yield DOUBTFUL, text
     if first is not last and first.samples and np.array_equal(first.nonlinear, last.nonlinear):
         yield NO, 'the parameters of the recruitment curve are still those of the start'
     flags = dict(zip(last.nonlinear_names, last.nonlinear_identifiability.tolist(), strict=False))
