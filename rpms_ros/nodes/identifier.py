@@ -384,7 +384,9 @@ class Identifier(NodeOfParts):
         topic = self.resolve_topic_name(topics.FORCE)
         for ear in (self._force, self._pulses):
             if ear.look():
-                said = f'{ear.name} is published best effort: it is heard, and messages may be lost'
+                said = (
+                    f'{ear.name} is published best effort: it is heard, and messages may be lost'
+                )
                 logger_of(self).warning(said)
         faults = dict(Counter(self.stream.fault_counts) + self._senders.fault_counts)
         for name, count in faults.items():

@@ -313,7 +313,7 @@ def test_a_device_whose_arm_says_nothing_is_not_armed(driver_in):
     assert_safe(driver)
 
 
-def test_an_intensity_that_a_device_says_it_gave_counts_as_given(virtual, rapid, tmp_path):
+def test_an_intensity_that_a_device_says_it_gave_counts_as_given(virtual, rapid):
     """Six trains of one pulse of 100 % in place of 10 % were 15 J on the books, not 1512."""
     driver = virtual(rapid.limits)
     gives = type(driver.device).fire

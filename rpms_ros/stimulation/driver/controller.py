@@ -573,7 +573,9 @@ class StimulationController(DeviceOwner):
             return
         slow_s = (delivery.time_ns - began_ns) / NANOSECONDS_PER_SECOND
         if slow_s < -_EARLY_S:
-            self.fail('lost', f'expected a pulse after its trigger, got one {-slow_s:.3g} s before')
+            self.fail(
+                'lost', f'expected a pulse after its trigger, got one {-slow_s:.3g} s before'
+            )
             raise DeviceError(self.reason)
         run.delivered += 1
         self.limiter.correct(delivery.time_ns)
