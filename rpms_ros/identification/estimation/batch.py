@@ -5,8 +5,8 @@
 The samples are condensed into blocks of one pulse each, from which the normal equations of any
 parameters follow exactly (`rpms_ros.identification.estimation.blocks`), so that the cost of a fit
 grows with the pulses, not with the samples.  A fit is made whenever the recording has grown
-fourfold, and anew so from the first pulse on, so that every sample has an a-priori prediction, and once more for an estimate, from
-several starts.
+fourfold, counted anew from the first pulse on, so that every sample has an a-priori prediction,
+and once more for an estimate, from several starts.
 
 **Basis.**  With `choose_basis`, latency and time constant of the basis are chosen by how well the
 last part of the recording that was stimulated is explained (`basis_choice`).

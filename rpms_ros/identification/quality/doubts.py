@@ -74,7 +74,7 @@ MEANING: Mapping[str, str] = {
     'three a second on, as two sensors on one topic make them, learning waits',
     FORCE_STAMP_ALONE: 'force samples stamped far from those before and after them, dropped',
     FORCE_GAP: 'gaps in the force longer than allowed; learning waits for one memory after it',
-    FORCE_QUEUE_FULL: 'force samples that were lost on their way, or had no room while they waited',
+    FORCE_QUEUE_FULL: 'force samples lost on their way, or without room while they waited',
     FORCE_SPIKE: 'force samples that leave the course of their neighbours for less than 10 ms; '
     'not learnt from',
     FORCE_OUTLIER: 'force samples that jump away from their prediction and back within 20 ms '
@@ -94,8 +94,8 @@ MEANING: Mapping[str, str] = {
     PULSE_INTENSITY_INVALID: 'pulses whose intensity was not within 0..1; treated as lost',
     PULSE_LOST: 'pulses missing in the sequence; learning stops while they could act',
     PULSE_LATE: 'pulses that came after their samples were used; treated as lost',
-    PULSE_DUPLICATE: 'pulses that came twice; the second is dropped, and treated as lost if it has '
-    'another stamp',
+    PULSE_DUPLICATE: 'pulses that came twice; the second is dropped, and if it has another stamp '
+    'treated as lost',
     PULSE_TOO_CLOSE: 'pulses less than 0.2 ms after another, or beyond 10,000 within a second, as '
     'no stimulator gives them; treated as lost',
     PULSE_FAR_AHEAD: 'pulses stamped more than 10 s after the force, which did not follow within '

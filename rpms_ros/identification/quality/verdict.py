@@ -426,8 +426,8 @@ def _of_the_explanation(found: SimulatedFit, span: float, unit: str) -> Iterator
 _REST_NS, _BACK = NANOSECONDS_PER_SECOND, 0.1
 
 
-def _one_way(pulses: PulseTrain) -> str | None:
-    """Return which way alone the intensity goes in all trains, None if it goes both."""
+def _of_one_way(pulses: PulseTrain) -> Iterator[Reason]:
+    """Yield a reason if the intensity goes one way alone in all trains."""
     pulses = pulses[np.argsort(pulses.onset_ns, kind='stable')]
     ends = np.flatnonzero(np.diff(pulses.onset_ns) > _REST_NS) + 1
     trains = np.split(pulses.intensity, ends)
@@ -435,8 +435,11 @@ def _one_way(pulses: PulseTrain) -> str | None:
     for way, sign in (('rises', 1.0), ('falls', -1.0)):
         back = max(float((np.maximum.accumulate(sign * one) - sign * one).max()) for one in trains)
         if back < least:
-            return way
-    return None
+            text = (
+                f'between rests the intensity only {way}: a muscle that tires, warms up or lags '
+                'in a train looks like one of another recruitment (random or catch pulses tell)'
+            )
+            yield DOUBTFUL, text
 
 
 def _of_the_estimator(
@@ -460,12 +463,7 @@ def _of_the_estimator(
         yield DOUBTFUL, stated_doubt(last, name) + hint
     if not last.curve_known:
         return
-    if (way := _one_way(pulses)) is not None:
-        text = (
-            f'between rests the intensity only {way}: a muscle that tires, warms up or lags within '
-            'a train looks like one of another recruitment (random or catch pulses tell)'
-        )
-        yield DOUBTFUL, text
+    yield from _of_one_way(pulses)
     if first is not last and first.samples and np.array_equal(first.nonlinear, last.nonlinear):
         yield NO, 'the parameters of the recruitment curve are still those of the start'
     flags = dict(zip(last.nonlinear_names, last.nonlinear_identifiability.tolist(), strict=False))
