@@ -255,8 +255,9 @@ class Recorder(NodeOfParts):
             logger_of(self).error(str(error))
             return
         total = sum(self.counts.values())
-        log = logger_of(self)
-        (log.info if total else log.warning)(f'closed {self.path}: {total} messages')
+        said = f'closed {self.path}: {total} messages'
+        # nobody publishes under these names, say
+        logger_of(self).info(said) if total else logger_of(self).warning(said)
 
 
 # Runs the recorder as a process.
