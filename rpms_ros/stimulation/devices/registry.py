@@ -86,7 +86,7 @@ class Delivery(NamedTuple):
 
 
 class Device(Protocol):
-    """A stimulator.  Every method but `silence` is called by one thread, its owner.
+    """A stimulator.  Every method but `silence` and `quantized` is called by its owner's thread.
 
     Whatever a method raises, of any type, is taken as a fault of the device, `TooLate` excepted.
     """
