@@ -14,6 +14,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from itertools import product
 from statistics import fmean
 from typing import NamedTuple
 
@@ -37,7 +38,9 @@ from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray
 TIME_CONSTANTS = (8e-3, 16e-3, 32e-3, 64e-3)
 LATENCIES = (0.0, 7e-3, 14e-3, 21e-3, 28e-3)
 _RATIO, _DIGITS = 1.25, 5
-_SHIFT = 2.5e-3
+# A twitch of two poles begins with a corner: it is seen which samples are behind it.  A basis that
+# begins too early has to be too fast as well, and misses the tail.
+_SHIFT, _FINER = 2.5e-3, (0.8e-3, 0.3e-3)
 _SHORTEST, _LONGEST = 5e-3, 0.11
 _LONGEST_LATENCY = 35e-3
 # Another basis has to be this much better [nat]: nothing is gained by going to and fro.  Few
@@ -64,28 +67,25 @@ _HANGING = 10.0
 
 def grid(functions: int) -> list[LaguerreBasis]:
     """Return the grid of bases over the range of people."""
-    return [
-        LaguerreBasis(functions, time_constant, latency)
-        for time_constant in TIME_CONSTANTS
-        for latency in LATENCIES
-    ]
+    return [LaguerreBasis(functions, *one) for one in product(TIME_CONSTANTS, LATENCIES)]
 
 
-def neighbours(basis: LaguerreBasis) -> list[LaguerreBasis]:
-    """Return the bases next to one."""
+def _moved(basis: LaguerreBasis, constant: float, latency: float) -> LaguerreBasis:
+    """Return a basis elsewhere; rounded, so that one reached in two ways is fitted once."""
+    return replace(basis, time_constant=round(constant, _DIGITS), latency=round(latency, _DIGITS))
+
+
+def neighbours(basis: LaguerreBasis, shift: float = _SHIFT) -> list[LaguerreBasis]:
+    """Return the bases next to one, with latencies that differ by `shift` [s]."""
     constant, latency = basis.time_constant, basis.latency
     faster, slower = max(constant / _RATIO, _SHORTEST), min(constant * _RATIO, _LONGEST)
-    sooner, later = max(latency - _SHIFT, 0.0), min(latency + _SHIFT, _LONGEST_LATENCY)
+    sooner, later = max(latency - shift, 0.0), min(latency + shift, _LONGEST_LATENCY)
     pairs = (
         *((faster, latency), (slower, latency), (constant, sooner), (constant, later)),
         # a slower basis that begins earlier is much like a faster one that begins later
         *((faster, later), (slower, sooner), (faster, sooner), (slower, later)),
     )
-    # rounded, so that a basis reached in two ways is fitted once
-    found = [
-        replace(basis, time_constant=round(one, _DIGITS), latency=round(two, _DIGITS))
-        for one, two in pairs
-    ]
+    found = [_moved(basis, *one) for one in pairs]
     return [one for one in found if one != basis]
 
 
@@ -180,9 +180,7 @@ class BasisChoice:
         share = [math.exp(self._roughly(one) - most) for one in equal]
         constant = math.exp(fmean([math.log(one.time_constant) for one in equal], share))
         latency = fmean([one.latency for one in equal], share)
-        middle = replace(
-            best, time_constant=round(constant, _DIGITS), latency=round(latency, _DIGITS)
-        )
+        middle = _moved(best, constant, latency)
         return middle if self._likelihood(middle) > self._likelihood(best) - _EQUAL else best
 
     def richer(self, basis: LaguerreBasis) -> LaguerreBasis:
@@ -193,10 +191,18 @@ class BasisChoice:
         gain = self._likelihood(more) - self._likelihood(basis)
         return self._uphill(more) if gain > _DECISION else basis
 
-    def _uphill(self, nearest: LaguerreBasis) -> LaguerreBasis:
+    def finer(self, basis: LaguerreBasis) -> LaguerreBasis:
+        """Return the best basis of latencies in between, as far as they are clearly better."""
+        for shift in _FINER:
+            best, basis = basis, self._uphill(basis, shift)
+            if self._roughly(basis) < self._roughly(best) + _DECISION:
+                return best
+        return basis
+
+    def _uphill(self, nearest: LaguerreBasis, shift: float = _SHIFT) -> LaguerreBasis:
         best = None
         while best != nearest:
-            best, nearest = nearest, max((nearest, *neighbours(nearest)), key=self._roughly)
+            best, nearest = nearest, max((nearest, *neighbours(nearest, shift)), key=self._roughly)
         return nearest
 
     def spread(self, basis: LaguerreBasis, known_ns: int) -> FloatArray:

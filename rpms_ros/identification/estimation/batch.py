@@ -309,7 +309,7 @@ class BatchEstimator(ProjectionEstimator):
         choice = BasisChoice(self._raw, present, fit, knowledge, window, None)
         self._searches += everywhere
         basis = choice.better(everywhere)
-        basis = choice.richer(basis) if final else basis
+        basis = choice.richer(choice.finer(basis)) if final else basis
         self._basis_spread = choice.spread(basis, self._raw.first_ns)
         if basis == self._basis:
             return False
