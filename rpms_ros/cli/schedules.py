@@ -97,7 +97,6 @@ def run_protocol(arguments: argparse.Namespace) -> int:
     schedule = built(arguments.name, arguments)
     try:
         # 'x': what another program has written meanwhile is not replaced either.
-        arguments.out.parent.mkdir(parents=True, exist_ok=True)
         with arguments.out.open('x', encoding='utf-8') as file:
             file.write(schedule_to_text(schedule))
     except OSError as error:

@@ -45,7 +45,7 @@ def test_the_paper_is_not_deliverable(written, rpms, name):
             'schedule_pulses', 'expected at most 40000 pulses in a schedule, got 40020',
         ),
         (
-            '{kind: pause, duration_s: 59.9}, {kind: single, intensity: 0.1}',
+            '{kind: pause, duration_s: 59.97}, {kind: single, intensity: 0.1}',
             'idle_disarm_s', 'expected at most 60 s without a pulse',
         ),
     ],

@@ -485,7 +485,7 @@ def fitted_muscle_of(path: Path | str, unit: str = 'N') -> FittedMuscle:
     """
     try:
         path = Path(path)
-        if not path.is_file() or path.stat().st_size > _LARGEST_RESULT:
+        if path.stat().st_size > _LARGEST_RESULT or not path.is_file():
             raise ValueError(f'no file of at most {_LARGEST_RESULT} bytes')
         document = json.loads(path.read_text())
         muscle, its = document['muscle'], document['unit']

@@ -29,8 +29,8 @@ from rpms_ros.stimulation.schedule.schedule import Plan, Schedule
 
 MOST_PULSES = 40_000
 """Of a schedule that a driver runs: each costs 5 us before the first one."""
-# How long after it was armed a driver begins [ns].
-_BEGINS_NS = 2 * NANOSECONDS_PER_SECOND
+# How long after it was armed a driver begins, at the least [ns].
+_BEGINS_NS = 50_000_000
 
 
 @dataclass(frozen=True)
