@@ -217,8 +217,7 @@ class Publishers:
     def noted(self, estimate: Estimate) -> Estimate:
         """Return the estimate with what was found here among its faults and doubts."""
         doubts = (*estimate.doubts, *sorted(set(chain(*self._recent))))
-        counted = dict(Counter(estimate.faults) + self.fault_counts)
-        return replace(estimate, doubts=doubts, faults=counted)
+        return replace(estimate, doubts=doubts, faults={**estimate.faults, **self.fault_counts})
 
 
 def identifier_health(
@@ -303,7 +302,6 @@ class Identifier(NodeOfParts):
         self.stream = build_stream(self.settings)
         for ear in (self._force, self._pulses):
             ear.taken()
-            ear.lost = 0
         self._senders = Publishers(self)
         self._reported, self._doubted = {}, ''
         self._last = None
@@ -339,8 +337,8 @@ class Identifier(NodeOfParts):
         # Pulses last: none is handed over later than a sample that came after it.
         forces = self._force.taken()
         pulses = self._pulses.taken()
-        if self._force.lost:
-            self._senders.fault_counts[faults.FORCE_QUEUE_FULL] = self._force.lost
+        self.stream.miss(self._force.lost)
+        self._force.lost = 0
         if forces:
             self._heard = time.monotonic()
         train = PulseTrain.of(
@@ -388,7 +386,7 @@ class Identifier(NodeOfParts):
                     f'{ear.name} is published best effort: it is heard, and messages may be lost'
                 )
                 logger_of(self).warning(said)
-        faults = dict(Counter(self.stream.fault_counts) + self._senders.fault_counts)
+        faults = {**self.stream.fault_counts, **self._senders.fault_counts}
         for name, count in faults.items():
             if count != self._reported.get(name):
                 logger_of(self).warning(f'{name}: {count} so far')

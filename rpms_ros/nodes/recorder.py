@@ -241,7 +241,6 @@ class Recorder(NodeOfParts):
         # Messages that wait belong to the recording.
         with suppress(RecordingError):
             self._take()
-        self._look()
         self._closed = True
         ears = [topic.ear for topic in self._topics.values()]
         lost = {ear.name: ear.lost for ear in ears}

@@ -99,6 +99,14 @@ def test_a_number_that_comes_again_with_another_stamp_is_no_pulse_of_its_own():
     assert queue.unknown(50, 51, 370, 371, 420, 421)[1:5] == [True] * 4
 
 
+def test_a_driver_that_does_not_count_after_one_that_did_is_heard():
+    queue = Queue()
+    numbers = [5, 6, 7, 0, 0, 0, 0]
+    queue.add(*((50 * place, 0.5, number) for place, number in enumerate(numbers)))
+    assert len(queue.onsets(1000)) == 7
+    assert queue.counter.counts() == {'pulse_sequence_restart': 1, 'pulse_sequence_stuck': 3}
+
+
 @pytest.mark.parametrize('intensity', [-1e-9, 1.0000001, math.nan, math.inf])
 def test_an_impossible_intensity_counts_as_lost(intensity):
     queue = Queue()

@@ -105,8 +105,8 @@ def test_intensities_that_go_one_way_between_rests_are_doubted(way):
         ramp = np.concatenate((ramp[::2], ramp[1::2][::-1]))
     one = np.concatenate((ramp[::-1] if way == 'falls' else ramp, np.zeros(24)))
     trial = simulated(np.tile(one, 4), 21)
-    pulses, forces = trial
-    verdict = judged((pulses[pulses.intensity > 0.0], forces))
+    # pulses of no intensity are a rest, too
+    verdict = judged(trial)
     assert verdict.grade == ('good' if way is None else 'doubtful')
     assert any(f'between rests the intensity only {way}' in one for one in verdict.reasons) == (
         way is not None

@@ -323,9 +323,30 @@ def test_an_intensity_that_a_device_says_it_gave_counts_as_given(virtual, rapid)
     driver.started(constant(0.1, 1.0, 10.0), 0.5)
     assert driver.controller.state is State.FAULT
     full_j = driver.controller.limits.energy_j(1.0)
+    # the ledger counts what was found besides as a pulse more
+    assert driver.controller.ledger.totals()[0] == 2
     assert driver.controller.limiter.session_energy_j == pytest.approx(full_j)
     assert driver.controller.ledger.totals()[1] == pytest.approx(full_j)
     assert_safe(driver)
+
+
+def test_pulses_whose_intensity_the_device_confirmed_are_not_counted_with_a_later_one(
+    virtual, rapid
+):
+    driver = virtual(rapid.limits)
+    driver.device.read_back_s = 0.2
+    gives = type(driver.device).fire
+
+    def stronger(*arguments):
+        given = gives(driver.device, *arguments)
+        return given._replace(intensity=1.0) if len(driver.device.commands) == 10 else given
+
+    driver.device.instead['fire'] = stronger
+    driver.started(constant(0.1, 2.0, 10.0), 1.5)
+    assert driver.controller.state is State.FAULT
+    energy_j = driver.controller.limits.energy_j
+    given_j = (len(driver.fired) - 1) * energy_j(0.1) + energy_j(1.0)
+    assert driver.controller.limiter.session_energy_j == pytest.approx(given_j)
 
 
 def test_what_was_not_read_of_a_train_that_was_cut_short_is_not_asked_of_the_next(virtual):

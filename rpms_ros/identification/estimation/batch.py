@@ -145,8 +145,8 @@ class BatchEstimator(ProjectionEstimator):
             if stamp_ns[first] >= self._due_ns:
                 early = self._last_ns - max(self._origin_ns, begun_ns) < _LAST_SCOUTING_NS
                 self._fit_all(scouting=early, final=False)
+                self._past_ns = self._due_ns
                 while stamp_ns[first] >= self._due_ns:
-                    self._past_ns = self._due_ns
                     self._interval_ns *= _GROWTH
                     self._due_ns += self._interval_ns
                 continue

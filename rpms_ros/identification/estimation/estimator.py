@@ -48,11 +48,7 @@ from rpms_ros.identification.model.recruitment import (
     WINDOW_SINES,
     recruitment_curve,
 )
-from rpms_ros.identification.quality.doubts import (
-    FACTORISATION_FAILED,
-    FaultCounter,
-    PlausibilityCheck,
-)
+from rpms_ros.identification.quality.doubts import FACTORISATION_FAILED, FaultCounter
 from rpms_ros.pulses import BoolArray, FloatArray, IntArray
 
 # Of the noise of a sensor: between what an effort, a tremor or the muscle does and the corner of a
@@ -143,7 +139,7 @@ class ProjectionEstimator:
         )
         self._raw = RawSamples()
         self._faults = FaultCounter()
-        self._plausibility = PlausibilityCheck()
+        self._pulses = 0
         self._intensity_range = (np.inf, -np.inf)
         self._use(basis)
 
@@ -157,7 +153,7 @@ class ProjectionEstimator:
         if not len(onset_ns):
             return
         self._delay_line.add(onset_ns, intensity)
-        self._plausibility.add_pulses(onset_ns, intensity)
+        self._pulses += len(onset_ns)
         if self.settings.choose_basis:
             weight = self._delay_line.weight[-len(onset_ns) :]
             self._raw.add_pulses(onset_ns, intensity, weight)
@@ -284,7 +280,6 @@ class ProjectionEstimator:
 
     def _add_samples(self, stamp_ns: IntArray, force: FloatArray, usable: BoolArray) -> FloatArray:
         """Add samples (samples,) to the blocks; return their prediction."""
-        self._plausibility.add_forces(force, usable)
         pending, state = self._delay_line.pending, (self._intake, self._predictor, self._rate)
         begun, prediction = add_samples(stamp_ns, force, usable, pending, self._problem, *state)
         # those that act, not all that are known: how far ahead pulses come differs on line
@@ -329,7 +324,7 @@ class ProjectionEstimator:
         energy = float(intake.force_energy[0])
         return Counters(
             samples=int(intake.learnt[0]),
-            pulses=self._plausibility.pulses,
+            pulses=self._pulses,
             intensity_range=self._intensity_range,
             output_error=float(np.sqrt(intake.error_energy[0] / energy)) if energy > 0.0 else 0.0,
         )

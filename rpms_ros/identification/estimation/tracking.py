@@ -80,11 +80,14 @@ from rpms_ros.identification.model.recruitment import (
     recruitment_curve,
 )
 from rpms_ros.identification.quality.doubts import (
+    CURVE_NEGATIVE,
     DISTURBANCE_FOLLOWS,
     DISTURBANCE_LIVELY,
+    NEGATIVE,
     NOT_ISOMETRIC,
     PULSES_TOO_FREQUENT,
     RESIDUALS_ALIKE,
+    RESPONSE_NEGATIVE,
     doubted,
 )
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray
@@ -432,7 +435,7 @@ class TrackingEstimator(ProjectionEstimator):
         IdentificationError
             If there have been data.
         """
-        if self._last_ns is not None or self._plausibility.pulses:
+        if self._last_ns is not None or self._pulses:
             raise IdentificationError('expected a fresh estimator to start from what is known')
         basis = replace(known.basis, functions=self.settings.basis.functions)
         if not self._choose:
@@ -482,13 +485,18 @@ class TrackingEstimator(ProjectionEstimator):
         )
         # alike, and more than the model's own error
         alike = fit.residuals_alike and fit.misfit * fit.weighting_variance > 0.5 * fit.variance
+        size = float(np.abs(described.curve_force).max())
+        highest = float(np.abs(described.response_force).max())
         doubts = {
+            # where all of the interval is
+            CURVE_NEGATIVE: described.curve_upper.min(initial=0.0) < -NEGATIVE * size,
+            RESPONSE_NEGATIVE: described.response_upper.min(initial=0.0) < -NEGATIVE * highest,
             RESIDUALS_ALIKE: alike,
             DISTURBANCE_FOLLOWS: follows > 0.0,
             DISTURBANCE_LIVELY: lively > 0.0,
             NOT_ISOMETRIC: fit.swing > _SWING,
         }
-        return doubted(self._plausibility.examine(described), doubts)
+        return doubted(described, doubts)
 
     @property
     def _theta(self) -> FloatArray:

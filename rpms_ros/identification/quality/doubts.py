@@ -615,7 +615,7 @@ def meaning_of_doubt(name: str) -> str:
 
 # Limits as shares of the largest force, with room for noise and baseline.
 _BEYOND = 1.5
-_NEGATIVE = 0.2
+NEGATIVE = 0.2
 # Limit as a share of the largest value of the response; noise causes a tenth.
 _RESPONSE_NEGATIVE = 0.25
 # Pulses slower than this share of the rate of the curve never reach the force of the curve.
@@ -681,7 +681,7 @@ class PlausibilityCheck:
             told = given & (estimate.curve_intensity >= low)
             width = float((estimate.curve_upper - estimate.curve_lower)[told].max())
         wrong = {
-            CURVE_NEGATIVE: bool(curve.min() < -_NEGATIVE * self.largest_force),
+            CURVE_NEGATIVE: bool(curve.min() < -NEGATIVE * self.largest_force),
             CURVE_BEYOND_FORCE: bool(curve.max() > most and fast),
             RESPONSE_BEYOND_FORCE: min(share, 1.0) * highest > most,
             RESPONSE_NEGATIVE: lowest < -_RESPONSE_NEGATIVE * highest,

@@ -17,7 +17,12 @@ import numpy as np
 from rpms_ros.axis import QUANTITIES
 from rpms_ros.errors import IdentificationError, check_number
 from rpms_ros.identification.analysis.dynamics import TrainDynamics
-from rpms_ros.identification.model.estimate import NOT_INFORMED, Estimate, recruiting_range
+from rpms_ros.identification.model.estimate import (
+    NOT_INFORMED,
+    SMALLEST_INTENSITY_SPAN,
+    Estimate,
+    recruiting_range,
+)
 from rpms_ros.identification.offline import IdentifiedSession, settled
 from rpms_ros.identification.quality.doubts import (
     CLOCKS_DIFFER,
@@ -429,9 +434,11 @@ _REST_NS, _BACK = NANOSECONDS_PER_SECOND, 0.1
 def _of_one_way(pulses: PulseTrain) -> Iterator[Reason]:
     """Yield a reason if the intensity goes one way alone in all trains."""
     pulses = pulses[np.argsort(pulses.onset_ns, kind='stable')]
-    ends = np.flatnonzero(np.diff(pulses.onset_ns) > _REST_NS) + 1
+    pulses = pulses[pulses.intensity > 0.0]
+    ends = np.flatnonzero(np.diff(pulses.onset_ns) >= _REST_NS) + 1
     trains = np.split(pulses.intensity, ends)
-    least = _BACK * max(float(np.ptp(one)) for one in trains)
+    spread = max(float(np.ptp(one)) for one in trains)
+    least = _BACK * spread if spread >= SMALLEST_INTENSITY_SPAN else 0.0
     for way, sign in (('rises', 1.0), ('falls', -1.0)):
         back = max(float((np.maximum.accumulate(sign * one) - sign * one).max()) for one in trains)
         if back < least:

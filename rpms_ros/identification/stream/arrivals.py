@@ -273,7 +273,8 @@ class PulseQueue:
             return False
         step = (sequence - self._last_sequence) % SEQUENCE_PERIOD
         missing_from_ns = max(self._last_onset_ns, onset_ns - self._pulse_look_ahead_ns)
-        self._counts |= step > 0
+        if step:
+            self._counts = step <= SEQUENCE_PERIOD // 2
         if step == 0 and self._counts:
             # of a relay that stamps anew, say: which of the two was given is not known
             self.counter.add(faults.PULSE_DUPLICATE)

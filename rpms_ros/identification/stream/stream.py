@@ -332,6 +332,10 @@ class IdentificationStream:
         newest_ns = self._intake.newest_ns
         return self._counter.counts(LONG_AGO if newest_ns is None else newest_ns)
 
+    def miss(self, samples: int) -> None:
+        """Count force samples that were lost before they could be added."""
+        self._counter.add(faults.FORCE_QUEUE_FULL, samples)
+
     def add_pulses(self, pulses: PulseTrain) -> None:
         """Add pulses, in any order, valid or not."""
         newest_ns = self._intake.newest_ns

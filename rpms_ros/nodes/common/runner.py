@@ -19,6 +19,7 @@ from types import FrameType
 from typing import Any
 
 import rclpy
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import NameValidationException
 from rclpy.executors import ExternalShutdownException
@@ -284,14 +285,15 @@ def _spin(node: Node, stop: StopRequest) -> None:
     except Exception as error:  # noqa: BLE001 - raised below
         getattr(node, 'stop_at_once', str)(f'expected to spin on, got {error!r}')
         failed = error
-    try:
-        until = time.monotonic() + (_LAST_WORDS_S if hasattr(node, 'stop_at_once') else 0.0)
-        # what was stopped at once tells how it ended: status, results of goals
-        while rclpy.ok() and time.monotonic() < until:
+    until = time.monotonic() + (_LAST_WORDS_S if hasattr(node, 'stop_at_once') else 0.0)
+    # what was stopped at once tells how it ended: status, results of goals
+    while rclpy.ok() and time.monotonic() < until:
+        try:
             executor.spin_once(timeout_sec=0.01)
-    finally:
-        executor.remove_node(node)
-        executor.shutdown()
+        except Exception as error:  # noqa: BLE001 - raised below
+            failed = failed or error
+    executor.remove_node(node)
+    executor.shutdown()
     # shutting an executor down during an exception has crashed processes
     if failed is not None:
         raise failed
@@ -303,6 +305,11 @@ def _answered(node: Node, callback: Callable[[Any, Any], Any], request: Any, res
         return callback(request, response)
     except ValueError as error:
         logger_of(node).warning(f'refused: expected parameters with a type, got {error}')
+        refused = SetParametersResult(successful=False, reason=str(error))
+        if hasattr(response, 'results'):
+            response.results = [refused] * len(request.parameters)
+        else:
+            response.result = refused
         return response
 
 

@@ -114,18 +114,26 @@ class QueuedTopic:
         self._new: set[tuple[int | None, int]] = set()
         self._old = self._new
         self._newest: int | None = None
+        self._gids: set[tuple[int, ...]] = set()
         self.publishers = self.lost = 0
 
     def look(self) -> bool:
         """Look at the publishers; return whether it is heard best effort from now on."""
         infos = self._listener.get_publishers_info_by_topic(self.name)
+        gids = {tuple(one.endpoint_gid) for one in infos}
+        if self._gids and gids - self._gids:
+            # one that is new begins its numbers anew
+            self._newest = None
+        self._gids = gids
         self.publishers = max(self.publishers, len(infos))
-        alone = bool(infos) and all(
-            one.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT for one in infos
-        )
-        begins = alone and self._best_effort is None
+        best = [one.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT for one in infos]
+        begins = bool(best) and all(best) and self._best_effort is None
         if begins:
             self._best_effort = queued_subscription(self._listener, self._kind, self.name, VIEW)
+        elif best and not any(best) and self._best_effort is not None:
+            # what is lost and sent again would come late, behind its neighbours
+            self._listener.destroy_subscription(self._best_effort)
+            self._best_effort = None
         return begins
 
     def taken(self) -> list[Taken]:
@@ -138,11 +146,12 @@ class QueuedTopic:
             both = merge(found, drained(self._best_effort), key=attrgetter('received_ns'))
             found = [one for one in both if self._is_new(one)]
         for one in found:
-            newest, self._newest = self._newest, one.sequence
-            if newest is not None and one.sequence is not None and one.sequence > newest + 1:
-                self.publishers = max(self.publishers, self._listener.count_publishers(self.name))
-                # one that is new begins anew
-                self.lost += one.sequence - newest - 1 if self.publishers < 2 else 0
+            newest, sequence = self._newest, one.sequence
+            if newest is not None and sequence is not None and sequence > newest + 1:
+                self.look()
+                if self._newest is not None and self.publishers < 2:
+                    self.lost += sequence - newest - 1
+            self._newest = sequence
         return found
 
     def _is_new(self, taken: Taken) -> bool:

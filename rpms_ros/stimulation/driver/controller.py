@@ -394,7 +394,8 @@ class StimulationController(DeviceOwner):
 
     def _count_more(self, run: Run, found: float, unread: list[BookedPulse]) -> None:
         """Put energy on all books that pulses of an intensity that was found had besides."""
-        found = min(found, 1.0)
+        # what is no number may be as much
+        found = found if found <= 1.0 else 1.0
         pulses = [
             BookedPulse(pulse.time_ns, found, self.limits.energy_j(found) - pulse.energy_j)
             for pulse in unread
@@ -443,7 +444,7 @@ class StimulationController(DeviceOwner):
         if self._charging:
             # after the pulse before
             self._ask_status(since)
-            if self._charging:
+            if self._charging and since is self._epoch:
                 self.fail('ready', 'expected a charged device, got one that is not ready')
                 return
         if not self._permitted(run):
@@ -460,7 +461,7 @@ class StimulationController(DeviceOwner):
         try:
             delivery = self._call('fire', since, self.device.fire, *told)
             self._answered_ns = self._clock()
-            self._account(run, dataclasses.replace(pulse, delivery=delivery), began)
+            self._account(run, dataclasses.replace(pulse, delivery=delivery), began, since)
             known = delivery and self._looked_at(run, delivery, since)
             fired = dataclasses.replace(pulse, delivery=known)
         except TooLate:
@@ -481,7 +482,10 @@ class StimulationController(DeviceOwner):
             if self._measured_ns is not None and self._clock() - self._measured_ns >= _WARM_NS:
                 needed_ns += self._reading_ns
         room = run.exhausted or self._clock() + needed_ns <= run.due_ns
-        if 'intensity' not in delivery.unverified or not room or since is not self._epoch:
+        if 'intensity' not in delivery.unverified:
+            self._unread = []
+            return delivery
+        if not room or since is not self._epoch:
             return delivery
         try:
             found, right = self._verified(run, delivery.intensity, since)
@@ -564,7 +568,7 @@ class StimulationController(DeviceOwner):
             missing = counted(run.count - run.delivered, 'pulse')
             self.cancel(f'ended with {missing} missing', 'incomplete')
 
-    def _account(self, run: Run, fired: Fired, began_ns: int) -> None:
+    def _account(self, run: Run, fired: Fired, began_ns: int, since: object) -> None:
         """Compare what was delivered with what was commanded."""
         delivery = fired.delivery
         if delivery is None:
@@ -584,12 +588,14 @@ class StimulationController(DeviceOwner):
         tolerance = self.settings.intensity_tolerance
         wrong = intensity_fault(delivery.intensity, fired.intensity, tolerance)
         limit_s = self.settings.response_limit_s
+        # one that was silenced meanwhile is set to zero
+        if since is not self._epoch and delivery.intensity <= fired.intensity:
+            return
         if wrong is not None:
             energy_j = self.limits.energy_j(fired.intensity)
             this = BookedPulse(delivery.time_ns, fired.intensity, energy_j)
-            unread, self._unread = self._unread or [this], []
             self.fail('intensity', wrong)
-            self._count_more(run, delivery.intensity, unread)
+            self._count_more(run, delivery.intensity, [this])
         elif slow_s > limit_s:
             reason = f'expected the pulse within {limit_s:g} s, got it after {slow_s:.3g} s'
             self.fail('slow', reason)
