@@ -485,8 +485,8 @@ class TrackingEstimator(ProjectionEstimator):
         )
         # alike, and more than the model's own error
         alike = fit.residuals_alike and fit.misfit * fit.weighting_variance > 0.5 * fit.variance
-        size = float(np.abs(described.curve_force).max())
-        highest = float(np.abs(described.response_force).max())
+        size = float(np.abs(described.curve_force).max(initial=0.0))
+        highest = float(np.abs(described.response_force).max(initial=0.0))
         doubts = {
             # where all of the interval is
             CURVE_NEGATIVE: described.curve_upper.min(initial=0.0) < -NEGATIVE * size,
@@ -818,8 +818,9 @@ class TrackingEstimator(ProjectionEstimator):
             rest = self._raw.rest(self._basis, point.theta, point.linear)[-1]
             self._raw = self._raw.without(self._tremor.frequency, rest)
             self._change_basis(self._basis)
-        choice = self._choice()
-        found = choice.richer(choice.better(search is Search.EVERYWHERE))
+        choice, everywhere = self._choice(), search is Search.EVERYWHERE
+        found = choice.better(everywhere)
+        found = choice.richer(choice.finer(found) if everywhere else found)
         explained = choice.explained(found)
         quieter = explained.fit.scales.lively < LIVELY <= fit.scales.lively
         freed = explained.fit.inflation < _ALIKE * fit.colour < fit.inflation
