@@ -39,7 +39,6 @@ _HYSTERESIS = 0.05
 _RESTS_HIGH = 0.9
 # A gate that is high for longer marks trains, not pulses [s].
 _LONGEST = 0.1
-_TWO_LEVELS = 0.9
 # Shares of the range on either side of its middle, and of the samples that may be on both.
 _HALF_WAY = 0.1
 _FEW = 0.025
@@ -142,7 +141,7 @@ def has_two_levels(signal: Signal) -> bool:
     if len(values) < 2 or np.ptp(values) == 0.0:
         return False
     share = (values - values.min()) / np.ptp(values)
-    return bool(np.mean((share < 0.1) | (share > 0.9)) > _TWO_LEVELS)
+    return bool(np.mean((share < 0.1) | (share > 0.9)) > 0.9)
 
 
 def gate_told(path: Path, signal: Signal, options: ImportOptions) -> str:
@@ -273,16 +272,13 @@ def odd_gate(pulses: PulseTrain, period: float) -> str | None:
 
 _NUMBERS = re.compile(r'idx|ind(?:ex|ices)|sample|frame', re.IGNORECASE)
 _TIMES = re.compile(r'time|zeit|temps', re.IGNORECASE)
-_MUCH_SHORTER = 0.5
 # Numbers that were whole before they were multiplied, as seconds by 1000.
 _WHOLE = 1e-6
 
 
 def sampled_like(signals: Sequence[Signal], length: int) -> list[Signal]:
     """Return the signals that may be sampled with a force of a length; others are much shorter."""
-    return [
-        one for one in signals if one.time is not None or len(one.values) > _MUCH_SHORTER * length
-    ]
+    return [one for one in signals if one.time is not None or len(one.values) > 0.5 * length]
 
 
 def lists_beside(signals: Sequence[Signal], length: int) -> list[Signal]:

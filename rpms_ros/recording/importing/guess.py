@@ -252,9 +252,8 @@ def _force(file: SignalFile, signals: Sequence[Signal]) -> str:
     if len(chosen) == 1:
         return chosen[0].name
     found = ', '.join(repr(one.name) for one in chosen) or 'none'
-    raise Ambiguous(
-        f'expected one signal that is the force in {file.path}, got {found}: --force COL decides'
-    )
+    fault = f'expected one signal that is the force in {file.path}, got {found}'
+    raise Ambiguous(f'{fault}: --force COL decides')
 
 
 def _force_unit(signal: Signal, given: str | None, scale: float | None) -> tuple[str, str]:

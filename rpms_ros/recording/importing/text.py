@@ -267,9 +267,8 @@ def first_row(path: Path, rows: Sequence[list[str]], comma: bool = False) -> int
     cells = [cell for row in rows[-_LOOKED_AT:] for cell in row]
     points = [cell for cell in cells if comma and _has_point(cell)]
     _refuse_thousands(path, points + [cell for cell in cells if number(cell, comma) is None])
-    raise RecordingError(
-        f'expected rows of numbers below the header of {path}, got none among {len(rows)} lines'
-    )
+    fault = f'expected rows of numbers below the header of {path}'
+    raise RecordingError(f'{fault}, got none among {len(rows)} lines')
 
 
 def _header(above: Sequence[list[str]], width: int) -> tuple[list[str], list[str]]:
@@ -317,9 +316,8 @@ def _labchart(path: Path, text: str, encoding: str, block: int | None) -> Signal
     """Return the channels of one block: lines of ``Name=``, then time and channels."""
     blocks = _blocks(text.splitlines())
     if block is None and len(blocks) > 1:
-        raise RecordingError(
-            f'expected one block in {path}, got {len(blocks)}: --block 1 to {len(blocks)} decides'
-        )
+        fault = f'expected one block in {path}, got {len(blocks)}'
+        raise RecordingError(f'{fault}: --block 1 to {len(blocks)} decides')
     chosen = 1 if block is None else block
     if not 1 <= chosen <= len(blocks):
         raise RecordingError(f'expected a block from 1 to {len(blocks)} of {path}, got {chosen}')

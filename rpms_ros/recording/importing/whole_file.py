@@ -213,9 +213,8 @@ def _converted(
     newton = options.force_scale or SENSOR_UNITS[guess.force_unit]
     stamp_ns = _stamps(file, force, guess, options)
     if not np.isfinite(force.values).any():
-        raise RecordingError(
-            f'expected numbers in column {guess.force!r} of {file.path}, got none that is finite'
-        )
+        fault = f'expected numbers in column {guess.force!r} of {file.path}'
+        raise RecordingError(f'{fault}, got none that is finite')
     trace = ForceTrace(stamp_ns, newton * force.values)
     if gate is None:
         (times,) = (one.time for one in file.events if one.name == guess.pulse)
@@ -333,8 +332,6 @@ _MATRIX, _PACKED = 14, 15
 
 # A small file may unpack into so much, a large one into so many times its size [bytes].
 _LARGEST, _PER_BYTE = 1_000_000_000, 4
-# A cell of a workbook takes so many times its text.
-_PER_CELL = 4
 
 
 def _refuse_bomb(path: Path) -> None:
@@ -346,9 +343,8 @@ def _refuse_bomb(path: Path) -> None:
     except (BadZipFile, KeyError, OSError, RuntimeError, ValueError, struct.error, zlib.error):
         return
     if bomb:
-        raise RecordingError(
-            f'expected a file that unpacks into {most / 1e9:.3g} GB at most, got more in {path}'
-        )
+        fault = f'expected a file that unpacks into {most / 1e9:.3g} GB at most'
+        raise RecordingError(f'{fault}, got more in {path}')
 
 
 def _stated_sizes(path: Path) -> Iterator[int]:
@@ -357,7 +353,8 @@ def _stated_sizes(path: Path) -> Iterator[int]:
         head = file.read(1024)
         if head.startswith(_ZIP):
             with ZipFile(file) as archive:
-                yield from (_PER_CELL * part.file_size for part in archive.infolist())
+                # a cell of a workbook takes four times its text
+                yield from (4 * part.file_size for part in archive.infolist())
         elif head.startswith(_MATLAB) or path.suffix.lower() == '.mat':
             order = '<' if head[126:128] == b'IM' else '>'
             file.seek(128)

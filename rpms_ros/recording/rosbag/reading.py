@@ -345,9 +345,6 @@ def _facts(
     )
 
 
-_NAME = b'rpms_ros session 1'
-
-
 def session_hash(recording: Recording) -> str:
     """Return the SHA-256 of a session as hexadecimal digits.
 
@@ -366,7 +363,7 @@ def session_hash(recording: Recording) -> str:
         *(pulses.onset_ns, pulses.intensity, pulses.sequence, pulses.width),
         *(forces.stamp_ns, forces.force, recording.samples_before_pulse),
     )
-    digest = hashlib.sha256(_NAME)
+    digest = hashlib.sha256(b'rpms_ros session 1')
     for column in columns:
         digest.update(len(column).to_bytes(8, 'little'))
         digest.update(np.asarray(column, column.dtype.newbyteorder('<')).tobytes())

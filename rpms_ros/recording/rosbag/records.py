@@ -333,14 +333,12 @@ def unpack_file(packed: Path, target: Path, limit: int) -> bool | None:
     """
     written = 0
     with zstd.open(packed, 'rb') as source, target.open('wb') as sink:
-        while True:
-            try:
-                block = source.read1(_BLOCK)
-            except _ERRORS:
-                return False
-            if not block:
-                return True
-            written += len(block)
-            if written > limit:
-                return None
-            sink.write(block)
+        try:
+            while block := source.read1(_BLOCK):
+                written += len(block)
+                if written > limit:
+                    return None
+                sink.write(block)
+        except _ERRORS:
+            return False
+    return True

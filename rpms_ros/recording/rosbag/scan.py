@@ -36,7 +36,6 @@ Progress = Callable[[int], None]
 """Is told how many messages were read since the last call."""
 READERS: dict[str, type[StorageFile]] = {'.mcap': McapFile, '.db3': SqliteFile}
 _PACKED_SUFFIX = '.zstd'
-_SILENT_NS = NANOSECONDS_PER_SECOND // 2
 
 
 @dataclass(frozen=True)
@@ -72,7 +71,7 @@ class TopicFacts:
             count=self.count + len(records),
             first_ns=min(first, self.first_ns) if self.count else first,
             last_ns=max(last, self.last_ns) if self.count else last,
-            silent_ns=self.silent_ns + int(steps[steps > _SILENT_NS].sum()),
+            silent_ns=self.silent_ns + int(steps[steps > NANOSECONDS_PER_SECOND // 2].sum()),
         )
 
 

@@ -18,8 +18,6 @@ from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import IntArray
 from rpms_ros.recording.rosbag.records import Batch, Budget, Channel, Records, StorageFile
 
-_ROWS = 8192
-
 
 def batches(connection: sqlite3.Connection) -> Iterator[Batch]:
     """Yield messages in the order of their ids.
@@ -36,7 +34,7 @@ def batches(connection: sqlite3.Connection) -> Iterator[Batch]:
     while failure is None:
         rows: list[tuple[Any, ...]] = []
         try:
-            rows.extend(islice(cursor, _ROWS))
+            rows.extend(islice(cursor, 8192))
         except sqlite3.Error as error:
             failure = error
         if rows:

@@ -34,8 +34,6 @@ from rpms_ros.recording.rosbag.definitions import (
 from rpms_ros.recording.rosbag.records import Channel, Records, gather
 from rpms_ros.recording.rosbag.scan import Scan
 
-# Middlewares round the length of a message up to a multiple of four.
-_LARGEST_PADDING = 3
 # Plain CDR in either byte order.
 _BYTE_ORDERS: tuple[tuple[int, Literal['<', '>']], ...] = ((1, '<'), (0, '>'))
 
@@ -149,7 +147,8 @@ def _alike(
         for value in np.unique(length[:1] if same else length).tolist():
             kind = record_type(fields, order, value)
             spare = size[index] - kind.itemsize
-            chosen = index[(length == value) & (spare >= 0) & (spare <= _LARGEST_PADDING)]
+            # middlewares round the length of a message up to a multiple of four
+            chosen = index[(length == value) & (spare >= 0) & (spare < 4)]
             if length_at is not None:
                 closing = records.start[chosen] + (length_at + 4 + value - 1)
                 chosen = chosen[gather(records.buffer, closing, 'u1') == 0]
@@ -164,9 +163,6 @@ def _distinct(values: npt.NDArray[np.bytes_]) -> set[str]:
 
 
 SECOND, NANOSECOND = 'header.stamp.sec', 'header.stamp.nanosec'
-FRAME_ID = 'header.frame_id'
-# With a header; of others the time of reception counts.
-_STAMPED = PULSE, WRENCH_STAMPED
 PULSE_TYPES = {PULSE: ('sequence', 'intensity', 'width')}
 SENSOR_TYPES = {
     quantity: {
@@ -245,8 +241,9 @@ class TopicReading:
         key = channel.topic, channel.type_name
         candidate = self._candidates.setdefault(key, _Candidate())
         wanted, string = self._types[channel.type_name], None
-        if channel.type_name in _STAMPED:
-            wanted, string = (*wanted, SECOND, NANOSECOND), FRAME_ID
+        # with a header; of others the time of reception counts
+        if channel.type_name in (PULSE, WRENCH_STAMPED):
+            wanted, string = (*wanted, SECOND, NANOSECOND), 'header.frame_id'
         try:
             if channel not in candidate.decoders:
                 candidate.decoders[channel] = Decoder(channel, wanted, string)
@@ -292,13 +289,11 @@ class TopicReading:
 
     def _type(self, scan: Scan, topic: str) -> str:
         """Return the type with most messages among those that can be used."""
-        here = ((kind, facts) for (name, kind), facts in scan.topics.items() if name == topic)
-        counts = {kind: facts.count for kind, facts in here}
+        counts = {kind: one.count for (name, kind), one in scan.topics.items() if name == topic}
         usable = [kind for kind in counts if kind in self._types]
         if not usable:
-            raise RecordingError(
-                f'expected {" or ".join(self._types)} on topic {topic}, got {", ".join(counts)}'
-            )
+            known = ' or '.join(self._types)
+            raise RecordingError(f'expected {known} on topic {topic}, got {", ".join(counts)}')
         chosen = max(usable, key=lambda kind: counts[kind])
         if not counts[chosen]:
             raise RecordingError(f'expected messages on topic {topic} in {scan.path}, got none')

@@ -85,7 +85,6 @@ def _encode(
     return Records(np.frombuffer(rows, np.uint8), end - rows.itemsize, end, stamp_ns)
 
 
-_CHUNK_SIZE = 1 << 20
 _NO_TIME = 2**63 - 1
 PULSES_TOPIC = '/pulses'
 FORCE_TOPIC = '/force'
@@ -152,7 +151,7 @@ class RecordingWriter:
             self._file = _WholeWrites(self.path / self._name)
             self._writer = Writer(
                 cast(IO[Any], self._file),
-                chunk_size=_CHUNK_SIZE,
+                chunk_size=1 << 20,
                 compression=CompressionType[compression.upper() or 'NONE'],
                 enable_data_crcs=True,
             )
