@@ -33,12 +33,10 @@ import numpy as np
 import numpy.typing as npt
 
 from rpms_ros.errors import MuscleError, check_number
+from rpms_ros.muscle.recruitment import REFRACTORY_NS
 from rpms_ros.muscle.subject import Subject
 from rpms_ros.muscle.time_varying import CHANGEABLE, LivingSettings, Timeline
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray
-
-# A motor axon is absolutely refractory for about a millisecond: shorter intervals count as this.
-REFRACTORY_PERIOD = 1e-3
 
 
 class MuscleState(NamedTuple):
@@ -167,8 +165,8 @@ def _advance(
 def repetition_rates(onset_ns: IntArray) -> FloatArray:
     """Return the rate [Hz] of each of ascending pulses (pulses,), 0 of the first."""
     rate = np.zeros(len(onset_ns))
-    interval = np.diff(onset_ns) / NANOSECONDS_PER_SECOND
-    rate[1:] = 1.0 / np.maximum(interval, REFRACTORY_PERIOD)
+    interval = np.maximum(np.diff(onset_ns), REFRACTORY_NS) / NANOSECONDS_PER_SECOND
+    rate[1:] = 1.0 / interval
     return rate
 
 
@@ -239,9 +237,8 @@ class Contraction:
         onsets = np.atleast_1d(np.asarray(onset_ns, dtype=np.int64))
         values = np.atleast_1d(np.asarray(intensity, dtype=np.float64))
         if onsets.shape != values.shape:
-            raise MuscleError(
-                f'expected as many intensities as onsets, got {values.size} and {onsets.size}'
-            )
+            fault = f'expected as many intensities as onsets, got {values.size} and {onsets.size}'
+            raise MuscleError(fault)
         valid = (values >= 0.0) & (values <= 1.0)
         if not valid.all():
             raise MuscleError(f'expected intensities from 0 to 1, got {values[~valid][0]}')
@@ -271,9 +268,8 @@ class Contraction:
             first = max(first, int(stamps[0]) - _LONGEST_PAST_NS)
             self._reference_ns = first // CELL_NS * CELL_NS
         if stamps[0] < self._reference_ns:
-            raise MuscleError(
-                f'expected times from {self._reference_ns} ns on, got {stamps[0]} ns'
-            )
+            fault = f'expected times from {self._reference_ns} ns on, got {stamps[0]} ns'
+            raise MuscleError(fault)
         order = np.argsort(effective, kind='stable')
         first_cell = self._reference_ns // CELL_NS
         cells = np.arange(first_cell, int(stamps[-1]) // CELL_NS + 2, dtype=np.int64)
@@ -337,9 +333,8 @@ class Contraction:
         rate = np.empty(len(every))
         rate[order] = self._fixed_rate or repetition_rates(every[order])
         rate = rate[len(self._begun_ns) :]
-        share = self._recruitment(
-            self._intensity, self._timeline('threshold', at), self._timeline('saturation', at)
-        )
+        bends = (self._timeline(name, at) for name in ('threshold', 'saturation'))
+        share = self._recruitment(self._intensity, *bends)
         unit = self.subject.pulse_weight(1.0, rate) / float(self.subject.recruitment(1.0))
         return self._onset_ns + latency.astype(np.int64), unit * share, share
 
@@ -348,7 +343,6 @@ class Contraction:
     ) -> FloatArray:
         """Return rho_u with changed threshold and saturation, the same gain, 0 at intensity 0."""
         curve = self.subject.recruitment
-
         moved = (threshold != curve.threshold) | (saturation != curve.saturation)
         zero = curve.bend(np.zeros_like(intensity), threshold, saturation)
         none = np.where(moved, -curve.gain * zero, curve.offset)

@@ -9,8 +9,9 @@ depends on time alone, so the result does not depend on how samples are cut into
 
 import math
 import typing
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, field, fields
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
@@ -267,13 +268,11 @@ def _scenario(content: object) -> Scenario:
         living=LivingSettings(
             _built(Fatigue, keys.get('fatigue', {}), 'fatigue'),
             _built(Potentiation, keys.get('potentiation', {}), 'potentiation'),
-            tuple(_built(Change, item, place) for item, place in _several(keys, 'changes')),
+            _several(keys, 'changes', partial(_built, Change)),
         ),
-        efforts=tuple(_effort(item, place) for item, place in _several(keys, 'efforts')),
+        efforts=_several(keys, 'efforts', _effort),
         disturbances=_built(Disturbances, keys.get('disturbances', {}), 'disturbances'),
-        sensor_faults=tuple(
-            _built(SensorFault, item, place) for item, place in _several(keys, 'sensor_faults')
-        ),
+        sensor_faults=_several(keys, 'sensor_faults', partial(_built, SensorFault)),
     )
 
 
@@ -327,15 +326,16 @@ def _mapping(
         raise _Fault(place, f'expected keys and values, got {shown(content)}')
     for key in content:
         if known is not None and key not in known:
-            raise _Fault(
-                join(place, key), f'expected a key of {", ".join(known)}, got {shown(key)}'
-            )
+            fault = f'expected a key of {", ".join(known)}, got {shown(key)}'
+            raise _Fault(join(place, key), fault)
     return content
 
 
-def _several(keys: Mapping[str, Any], name: str) -> list[tuple[Any, str]]:
-    """Return the items of a list with their places."""
+def _several(
+    keys: Mapping[str, Any], name: str, build: Callable[[object, str], T]
+) -> tuple[T, ...]:
+    """Return what is built of the items of a list and their places."""
     found = keys.get(name, [])
     if not isinstance(found, list):
         raise _Fault(name, f'expected a list, got {shown(found)}')
-    return [(item, f'{name}[{index}]') for index, item in enumerate(found)]
+    return tuple(build(item, f'{name}[{index}]') for index, item in enumerate(found))

@@ -68,9 +68,8 @@ class Surroundings:
         recent : PulseTrain
             Pulses that may leave an artifact in these samples, ascending.
         """
-        shown = self._sensor.measure(
-            stamp_ns, force + self.effort(stamp_ns), recent.onset_ns, recent.intensity
-        )
+        force = force + self.effort(stamp_ns)
+        shown = self._sensor.measure(stamp_ns, force, recent.onset_ns, recent.intensity)
         return self._faulty(stamp_ns, shown)
 
 
@@ -151,9 +150,8 @@ def simulate_session(
         due = int(np.searchsorted(pulses.onset_ns, part[-1], side='right'))
         muscle.add_pulses(pulses.onset_ns[done:due], pulses.intensity[done:due])
         # the artifact of the last pulse before this block may extend into it
-        traces.append(
-            surroundings.measured(part, muscle.force(part), pulses[max(0, done - 1) : due])
-        )
+        recent = pulses[max(0, done - 1) : due]
+        traces.append(surroundings.measured(part, muscle.force(part), recent))
         if truth_rate > 0.0:
             truths.append(truth_at(muscle, surroundings, int(part[-1])))
         done = due

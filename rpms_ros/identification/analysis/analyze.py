@@ -80,7 +80,6 @@ class MuscleAnalysis:
     unit: str = 'N'
 
 
-_USUAL_ORDER = 3
 _ALIKE = 2e-3
 
 # label, done, all
@@ -133,7 +132,8 @@ class _Analysis:
             onset_ns = self.pulses.onset_ns + nanoseconds(artifacts.clock_offset)
             responses = self._responses(replace(self.pulses, onset_ns=onset_ns), artifacts)
             twitches = self._twitches(responses)
-            order = twitches.choice.order if twitches else _USUAL_ORDER
+            # the usual one where no twitch tells
+            order = twitches.choice.order if twitches else 3
             summation = self._trains(responses, order)
             steady = self._steady(onset_ns, artifacts.found)
             recruitment = self._field(steady)

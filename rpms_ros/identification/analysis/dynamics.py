@@ -13,13 +13,13 @@ import numpy as np
 from scipy.special import ndtri, stdtrit
 
 from rpms_ros.identification.analysis.analyze import MuscleAnalysis
+from rpms_ros.identification.analysis.recruitment_field import CONFIDENCE
 from rpms_ros.identification.analysis.trains import TrainLaw, fit_deviations, force_onset
 from rpms_ros.identification.quality.explained_force import Stated
 from rpms_ros.muscle import twitch
 from rpms_ros.pulses import FloatArray
 from rpms_ros.schema import documented
 
-CONFIDENCE = 0.95
 # Least improvement of the fit for which the history law, with five more parameters, is taken [%].
 _WORTH = 1.0
 # Fine enough for the saturation of the fastest twitch, T_a of 1 ms [s].
@@ -75,13 +75,12 @@ def train_dynamics(analysis: MuscleAnalysis) -> TrainDynamics | None:
     apart = np.zeros(2) if law else np.abs(np.mean(numbers('gains') - numbers('equal'), axis=1))
     latency, constant = map(_stated, numbers(model), deviations.T, apart.tolist())
     onsets = np.array([bounds for one in responses if (bounds := force_onset(one)) is not None])
+    peaks = [one.force[one.usable].max() - one.baseline for one in responses]
     return TrainDynamics(
         trains=len(fits),
         pulses=sum(len(response.onset) for response in responses),
         rate_hz=float(np.median([train.rate_hz for train in found.trains])),
-        peak_force=float(
-            np.mean([one.force[one.usable].max() - one.baseline for one in responses])
-        ),
+        peak_force=float(np.mean(peaks)),
         onset_s=Stated(float(np.median(onsets[:, 1])), onsets[:, 0].min(), onsets[:, 1].max())
         if len(onsets)
         else None,
@@ -108,9 +107,8 @@ def response_to_one_pulse(dynamics: TrainDynamics, time: FloatArray) -> FloatArr
         Ascending times after the pulse, which has the intensity of the trains [s].
     """
     lag = np.arange(0.0, time[-1] + _STEP, _STEP)
-    shape = twitch(
-        lag - dynamics.latency_s.value, dynamics.twitch_time_constant_s.value, dynamics.order
-    )
+    latency, constant = dynamics.latency_s.value, dynamics.twitch_time_constant_s.value
+    shape = twitch(lag - latency, constant, dynamics.order)
     if dynamics.law is not None and dynamics.model == HISTORY_LAW:
         shape = dynamics.law.force(lag, shape)
     return dynamics.gain * np.interp(time, lag, shape)

@@ -34,10 +34,10 @@ from rpms_ros.muscle import (
     RecruitmentParameters,
     identified_recruitment,
 )
+from rpms_ros.muscle.subject import REFERENCE_RATE
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, nanoseconds
 from rpms_ros.schema import INTERNAL
 
-_REFERENCE_RATE = 20.0
 _LEAST_PERIODS = 4
 _REST_SPAN = 0.2
 
@@ -200,7 +200,7 @@ _LEAST_NOISE = 1e-4
 _STARTS = ((0.48, 0.98), (0.3, 0.8), (0.6, 0.9), (0.7, 1.2))
 _LEAST_INTENSITIES = 5
 _LEAST_RATES = 3
-_CONFIDENCE = 0.95
+CONFIDENCE = 0.95
 
 
 def field_force(theta: FloatArray, intensity: FloatArray, rate_hz: FloatArray) -> FloatArray:
@@ -208,7 +208,7 @@ def field_force(theta: FloatArray, intensity: FloatArray, rate_hz: FloatArray) -
     shape = RecruitmentParameters(theta[1], theta[2], np.exp(theta[4]), np.exp(theta[3]))
     share = identified_recruitment(shape, intensity) / identified_recruitment(shape, 1.0)
     bend = RateRecruitment(theta[5], np.exp(theta[6]), 1.0, 0.0)
-    by_rate = (bend(rate_hz) + theta[7]) / (bend(_REFERENCE_RATE) + theta[7])
+    by_rate = (bend(rate_hz) + theta[7]) / (bend(REFERENCE_RATE) + theta[7])
     force: FloatArray = np.exp(theta[0]) * (share + theta[8]) * by_rate
     return force
 
@@ -218,7 +218,7 @@ def as_recruitment(theta: FloatArray) -> RecruitmentField:
     threshold, saturation, low, high, rate, slope, rate_offset, offset = theta[1:].tolist()
     plain = IntensityRecruitment(threshold, saturation, np.exp(low), np.exp(high)).normalised()
     unit = RateRecruitment(rate, np.exp(slope), 1.0, 0.0)
-    gain = 1.0 / (float(unit(_REFERENCE_RATE)) + rate_offset)
+    gain = 1.0 / (float(unit(REFERENCE_RATE)) + rate_offset)
     return RecruitmentField(
         replace(plain, offset=plain.offset + offset),
         replace(unit, gain=gain, offset=gain * rate_offset),
@@ -238,9 +238,8 @@ def fit_field(points: Sequence[SteadyPoint]) -> FieldAnalysis:
     force = np.array([point.force for point in points])
     levels = len(np.unique(np.round(intensity, 3)))
     if levels < _LEAST_INTENSITIES:
-        raise IdentificationError(
-            f'expected steady forces at {_LEAST_INTENSITIES} intensities or more, got {levels}'
-        )
+        fault = f'expected steady forces at {_LEAST_INTENSITIES} intensities or more, got {levels}'
+        raise IdentificationError(fault)
     top = float(force.max())
     if not top > 0:
         raise IdentificationError(f'expected a force above the baseline, got {top:.3g}')
@@ -260,7 +259,7 @@ def fit_field(points: Sequence[SteadyPoint]) -> FieldAnalysis:
     # The error of a baseline is common to all levels between two rests and does not average out.
     common = inverse @ (jacobian[: len(points)].T @ _baselines(points)) / top
     covariance[np.ix_(free, free)] = inverse * variance + common @ common.T
-    reach = float(stdtrit(spare, 0.5 + _CONFIDENCE / 2))
+    reach = float(stdtrit(spare, 0.5 + CONFIDENCE / 2))
     # A (1 + c), with the offset c: its logarithm, and the gradient of that
     gradient = np.zeros(len(theta))
     gradient[0], gradient[-1] = 1.0, 1.0 / (1.0 + theta[-1])

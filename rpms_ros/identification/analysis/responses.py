@@ -404,7 +404,7 @@ def _judged(offset: FloatArray, period: float) -> Artifacts:
 
 
 _LEAST_SAMPLES = 50
-_LEAST_BEFORE = 10
+LEAST_BEFORE = 10
 _GAP = 5.0
 
 
@@ -491,7 +491,7 @@ def cut(
 
 def _missing(lag: FloatArray, length_ns: int) -> str:
     """Return why samples of a response are missing, empty if none is."""
-    if (lag < 0).sum() < _LEAST_BEFORE:
+    if (lag < 0).sum() < LEAST_BEFORE:
         return 'no force before the pulse'
     if len(lag) < _LEAST_SAMPLES:
         return 'too few force samples'

@@ -26,7 +26,7 @@ import numpy as np
 import scipy  # its parts are loaded when they are asked for
 
 from rpms_ros.errors import IdentificationError
-from rpms_ros.identification.analysis.responses import Response
+from rpms_ros.identification.analysis.responses import LEAST_BEFORE, Response
 from rpms_ros.identification.analysis.twitch_fits import Progress, derivatives
 from rpms_ros.identification.model.history_law import HistoryLaw
 from rpms_ros.muscle import twitch
@@ -45,7 +45,6 @@ _TIME_SCALE = 1e-3
 _STARTS = (0.005, 0.010, 0.020, 0.040)
 # Samples in a row that have to be so many standard deviations above the baseline.
 _STAYS, _OUTSIDE = 3, 4.0
-_LEAST_BEFORE = 10
 
 
 @dataclass(frozen=True)
@@ -392,12 +391,10 @@ def fit_history(trains: Sequence[Response], equal: Sequence[TrainFit], order: in
     lowest, highest = np.tile(_LOWEST, count), np.tile(_HIGHEST, count)
     lengths = [int(train.usable.sum()) for train in trains]
     # the law acts on every residual, latency and T_a on those of their train
-    own: Any = scipy.sparse.block_diag(
-        [*(np.ones((k, 2)) for k in lengths), np.zeros((_NUMBERS, 0))]
-    )
-    sparsity = scipy.sparse.hstack(
-        (scipy.sparse.coo_array(np.ones((own.shape[0], _NUMBERS))), own)
-    )
+    blocks = [*(np.ones((k, 2)) for k in lengths), np.zeros((_NUMBERS, 0))]
+    own: Any = scipy.sparse.block_diag(blocks)
+    common = scipy.sparse.coo_array(np.ones((own.shape[0], _NUMBERS)))
+    sparsity = scipy.sparse.hstack((common, own))
     found = scipy.optimize.least_squares(
         residual,
         np.concatenate((centre, np.clip(np.ravel(start), lowest + 1e-6, highest))),
@@ -496,7 +493,7 @@ def force_onset(response: Response) -> tuple[float, float] | None:
     lag, force = response.samples
     before, after = force[lag < 0.0], lag > 0.0
     lag, force = lag[after], force[after]
-    if len(before) < _LEAST_BEFORE or len(force) < _STAYS:
+    if len(before) < LEAST_BEFORE or len(force) < _STAYS:
         return None
     deviation = float(np.std(before, ddof=1))
     above = force - float(np.mean(before))

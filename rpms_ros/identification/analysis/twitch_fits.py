@@ -239,7 +239,6 @@ Progress = Callable[[int, int], None]
 ONSET, CONSTANT, PEAK, BASELINE, ERROR, HELD_OUT = range(6)
 DECISIVE = 10.0
 _STRIDE = 4
-_WORKERS = 2
 
 
 @dataclass(frozen=True)
@@ -339,7 +338,7 @@ def fit_twitches(
         _fit_one(lag, force, np.array(orders, dtype=np.int64), table[index])
 
     # The compiled fits release the interpreter lock, so threads use both cores without copies.
-    with ThreadPoolExecutor(_WORKERS) as pool:
+    with ThreadPoolExecutor(2) as pool:
         for index, _ in enumerate(pool.map(fit, range(len(responses)))):
             progress(index + 1, len(responses))
     intensity = np.array([item.intensity for item in responses])

@@ -184,9 +184,7 @@ def analyze_twitches(
         return f'no response to a single pulse qualifies ({counted_reasons(reasons)})'
     fits = fits.chosen(np.array([not reason for reason in verdicts]))
     choice = choose_order(fits)
-    onset, constant, peak = (
-        fits.column(column, choice.order) for column in (ONSET, CONSTANT, PEAK)
-    )
+    onset, constant, peak = (fits.column(one, choice.order) for one in (ONSET, CONSTANT, PEAK))
     marked = any(np.isfinite(item.artifact) for item in good)
     crossing = np.array([crossing_latency(item, period, marked) for item in good])
     evidence = fits.intensity, reasons
@@ -253,9 +251,8 @@ def latency_table(
         same = latency[np.isnan(level) if np.isnan(value) else level == value]
         rows.append(LatencyRow(float(value), len(same), float(same.mean()), spread(same)))
     mean = float(latency.mean()) if len(latency) else math.nan
-    return LatencyTable(
-        method, reference, tuple(rows), len(latency), mean, spread(latency), reasons
-    )
+    every = len(latency), mean, spread(latency)
+    return LatencyTable(method, reference, tuple(rows), *every, reasons)
 
 
 def crossing_latency(response: Response, period: float, to_artifact: bool) -> float:
