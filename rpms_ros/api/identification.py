@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 
     from rpms_ros.report.known_muscle import KnownMuscle
 
-NAN = float('nan')
-
 
 @dataclass(frozen=True)
 class Parameter(Stated):
@@ -114,7 +112,7 @@ class Identification:
         found = {}
         flags = self.result.identifiability or {}
         for name, value in (self.result.recruitment or {}).items():
-            ends = self.result.interval(name) or (NAN, NAN)
+            ends = self.result.interval(name) or (np.nan, np.nan)
             found[name] = Parameter(value, *ends, '1', flags.get(name, ''))
         for name, stated in (self.result.physiology or {}).items():
             # the name ends with the unit

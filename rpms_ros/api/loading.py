@@ -212,9 +212,8 @@ def from_arrays(
         )
     shares = _numbers(intensity)
     if shares.shape not in ((), onsets.shape):
-        raise RecordingError(
-            f'expected an intensity for each of {len(onsets)} pulses, or one, got {shares.shape}'
-        )
+        fault = f'expected an intensity for each of {len(onsets)} pulses, or one'
+        raise RecordingError(f'{fault}, got {shares.shape}')
     if (wrong := shares[~((shares >= 0.0) & (shares <= 1.0))]).size:
         raise RecordingError(f'expected intensities from 0 to 1, got {wrong[0]}')
     pulses = PulseTrain.numbered(stamps(onsets), shares)
@@ -268,7 +267,5 @@ def as_recording(
         What the sensor measured.
     """
     before = np.searchsorted(forces.stamp_ns, pulses.onset_ns, side='left')
-    received = (pulses.onset_ns, forces.stamp_ns)
-    return Recording(
-        pulses, forces, *received, before, RecordingFacts(path, storage, ()), quantity
-    )
+    received, facts = (pulses.onset_ns, forces.stamp_ns), RecordingFacts(path, storage, ())
+    return Recording(pulses, forces, *received, before, facts, quantity)

@@ -120,9 +120,8 @@ class Session:
         samples, onsets = self.force.stamp_ns, self.pulses.onset_ns
         # without samples time counts from the first pulse
         start = next((int(one.min()) for one in (samples, onsets) if len(one)), 0)
-        above.plot(
-            (samples - start) / NANOSECONDS_PER_SECOND, self.force.force, 'k', linewidth=0.8
-        )
+        time = (samples - start) / NANOSECONDS_PER_SECOND
+        above.plot(time, self.force.force, 'k', linewidth=0.8)
         above.set_ylabel(f'{self.recording.quantity} [{self.recording.unit}]')
         below.vlines((onsets - start) / NANOSECONDS_PER_SECOND, 0.0, self.pulses.intensity)
         below.set(xlabel='time [s]', ylabel='intensity', ylim=(0.0, 1.05))
@@ -130,9 +129,8 @@ class Session:
         return figure
 
     def _repr_html_(self) -> str:
-        facts = (
-            f'{name}: {fact}' for name, fact in self.info().items() if fact not in (None, [], {})
-        )
+        told = self.info().items()
+        facts = (f'{name}: {fact}' for name, fact in told if fact not in (None, [], {}))
         return '<pre>' + html.escape('\n'.join(facts)) + '</pre>'
 
     def verify(self) -> list[Finding]:
@@ -197,9 +195,8 @@ class Session:
         )
         here, chosen = ((time >= start) & (time <= end) for time in elapsed)
         if not here.any():
-            raise RecordingError(
-                f'expected force between {start} s and {end} s, got {self.duration:.3f} s of it'
-            )
+            fault = f'expected force between {start} s and {end} s'
+            raise RecordingError(f'{fault}, got {self.duration:.3f} s of it')
         before = np.concatenate(([0], np.cumsum(here)))
         kept = self.force.stamp_ns[here], self.force.force[here]
         part = replace(

@@ -149,9 +149,8 @@ def sample_times(length_s: float, rate_hz: float) -> IntArray:
         If the rate is not possible.
     """
     if not 0 < rate_hz <= _HIGHEST_RATE:
-        raise RecordingError(
-            f'expected a rate of the force above 0 and up to {_HIGHEST_RATE:g} Hz, got {rate_hz}'
-        )
+        fault = f'expected a rate of the force above 0 and up to {_HIGHEST_RATE:g} Hz'
+        raise RecordingError(f'{fault}, got {rate_hz}')
     return START_NS + stamps(np.arange(round(length_s * rate_hz)) / rate_hz)
 
 

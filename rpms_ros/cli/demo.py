@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from rpms_ros.muscle.scenario import Scenario
     from rpms_ros.nodes.simulation_launcher import SimulationLauncher
 
-RATE = 20.0
 PORT = 8765
 # Between two lines that say how it goes [s].
 _PERIOD = 5.0
@@ -85,7 +84,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise NodeError(f'expected a duration of 1 to 3600 s, got {arguments.duration}')
     scenario = load_scenario(arguments.scenario) if arguments.scenario else None
     seed, parameters = arguments.seed, node_parameters(arguments)
-    schedule = named_schedule(arguments.schedule, arguments.duration, RATE, seed)
+    schedule = named_schedule(arguments.schedule, arguments.duration, 20.0, seed)
     # refused before any node has started
     PlantParameters(**parameters[PLANT])
     IdentifierParameters(**parameters[IDENTIFIER])

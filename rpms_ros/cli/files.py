@@ -168,9 +168,8 @@ def run_export(arguments: argparse.Namespace) -> int:
         findings.append(('warning', f'{nodes.unreadable} messages could not be decoded'))
     if other := {one.unit for one in nodes.estimates} - {recording.unit}:
         units = ', '.join(sorted(other))
-        findings.append(
-            ('warning', f'expected estimates in {recording.unit}, got {units} (--quantity?)')
-        )
+        text = f'expected estimates in {recording.unit}, got {units} (--quantity?)'
+        findings.append(('warning', text))
     estimates = estimate_table(nodes.estimates) if nodes.estimates else None
     what = (recording, path.resolve().name, estimates, arguments.anonymous)
     written_whole(arguments.out, lambda place: write_tables(place, *what))

@@ -18,7 +18,7 @@ from rpms_ros.report.text import collapsed
 
 if TYPE_CHECKING:
     from rpms_ros.identification import Estimator
-    from rpms_ros.recording import Recording, Topics
+    from rpms_ros.recording import Recording
 
 Options = TypeVar('Options')
 Subparsers: TypeAlias = 'argparse._SubParsersAction[argparse.ArgumentParser]'
@@ -74,24 +74,6 @@ def add_json(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--json', action='store_true', help=text)
 
 
-def add_topic_options(parser: argparse.ArgumentParser) -> None:
-    """Add the names of the topics."""
-    group = parser.add_argument_group('where the data are')
-    text = (
-        'topic of delivered pulses, rpms_msgs/Pulse; without a leading slash also in a namespace'
-    )
-    add_option(group, '--pulses-topic NAME', 'pulses', text)
-    text = 'topic of the force: WrenchStamped, Wrench or Float64'
-    add_option(group, '--force-topic NAME', 'force', text)
-
-
-def topics_of(arguments: argparse.Namespace) -> 'Topics':
-    """Return the names of the topics as the options say."""
-    from rpms_ros.recording import Topics
-
-    return Topics(arguments.pulses_topic, arguments.force_topic)
-
-
 def add_memory_option(parser: argparse.ArgumentParser) -> None:
     """Add the bound on what reading may take."""
     text = 'memory that reading the recording may take (default: 1 GB and four times its size)'
@@ -112,7 +94,13 @@ def _positive(text: str, unit: str = 'N') -> float:
 
 def add_reading_options(parser: argparse.ArgumentParser) -> None:
     """Add what says where pulses and force are found in a recording."""
-    add_topic_options(parser)
+    group = parser.add_argument_group('where the data are')
+    text = (
+        'topic of delivered pulses, rpms_msgs/Pulse; without a leading slash also in a namespace'
+    )
+    add_option(group, '--pulses-topic NAME', 'pulses', text)
+    text = 'topic of the force: WrenchStamped, Wrench or Float64'
+    add_option(group, '--force-topic NAME', 'force', text)
     add_memory_option(parser)
     group = parser.add_argument_group('what the force is')
     text = '-1 if the sensor shows the pull of the muscle as negative'
@@ -203,7 +191,7 @@ _OF_RECORDINGS = {
 
 def read(path: Path, arguments: argparse.Namespace) -> 'Recording':
     """Return a recording, or a file of a laboratory as one, as the options say."""
-    from rpms_ros.recording import read_recording
+    from rpms_ros.recording import Topics, read_recording
 
     if hasattr(arguments, 'pulse_unit'):
         from rpms_ros.cli.files import imported_recording
@@ -219,7 +207,8 @@ def read(path: Path, arguments: argparse.Namespace) -> 'Recording':
             option = given[0].replace('_', '-')
             raise RecordingError(f'expected --{option} with a file of a laboratory, got {path}')
     with progress('reading', None, 'messages', arguments.quiet) as advance:
-        what = (topics_of(arguments), arguments.axis, arguments.sign)
+        topics = Topics(arguments.pulses_topic, arguments.force_topic)
+        what = (topics, arguments.axis, arguments.sign)
         return read_recording(path, *what, advance, arguments.max_memory, arguments.quantity)
 
 

@@ -73,9 +73,8 @@ def unpacked(raw: bytes, kinds: frozenset[bytes]) -> Packet:
         If it is none, or none of these kinds.
     """
     if not _HEAD.size <= len(raw) <= MAXIMUM_PACKET:
-        raise ValueError(
-            f'expected a packet of {_HEAD.size} to {MAXIMUM_PACKET} bytes, got {len(raw)}'
-        )
+        fault = f'expected a packet of {_HEAD.size} to {MAXIMUM_PACKET} bytes, got {len(raw)}'
+        raise ValueError(fault)
     kind, sequence, time_ns = _HEAD.unpack_from(raw)
     if kind not in kinds:
         raise ValueError(f'expected a packet of a known kind, got {kind!r}')

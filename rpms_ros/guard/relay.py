@@ -52,9 +52,8 @@ class GuardLimits:
 
     def __post_init__(self) -> None:
         if not 0 <= self.maximum_percent <= 100:
-            raise ValueError(
-                f'expected a maximum intensity in 0..100 percent, got {self.maximum_percent}'
-            )
+            fault = f'expected a maximum intensity in 0..100 percent, got {self.maximum_percent}'
+            raise ValueError(fault)
         for name in ('beat_limit_s', 'answer_limit_s', 'keep_alive_s'):
             if not 0.01 <= (value := getattr(self, name)) <= 60.0:
                 raise ValueError(f'expected {name} in [0.01, 60] s, got {value}')

@@ -144,8 +144,6 @@ RATE = 10.0
 
 MOST_BROWSERS = 32
 MOST_CONNECTIONS = 128
-# A browser answers each frame with one letter.
-_LONGEST_MESSAGE = 64
 # One that says more between two frames does not draw them.
 _MOST_MESSAGES = 20
 _LONGEST_BODY = 1024
@@ -228,10 +226,9 @@ class LiveServer:
     @property
     def url(self) -> str:
         """Where a browser on this machine finds the page."""
-        host = {'': 'localhost', '0.0.0.0': '127.0.0.1', '::': '[::1]'}.get(
-            self.address, f'[{self.address}]' if ':' in self.address else self.address
-        )
-        return f'http://{host}:{self.port}/'
+        usual = f'[{self.address}]' if ':' in self.address else self.address
+        here = {'': 'localhost', '0.0.0.0': '127.0.0.1', '::': '[::1]'}
+        return f'http://{here.get(self.address, usual)}:{self.port}/'
 
     def start(self) -> None:
         """Listen from now on."""
@@ -326,7 +323,8 @@ def _application(server: LiveServer) -> Application:
         ],
         # whoever asks often would fill a disk
         log_function=lambda _: None,
-        websocket_max_message_size=_LONGEST_MESSAGE,
+        # a browser answers each frame with one letter
+        websocket_max_message_size=64,
         websocket_ping_interval=_PATIENCE,
         websocket_ping_timeout=_PATIENCE,
     )

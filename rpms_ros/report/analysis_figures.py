@@ -181,9 +181,8 @@ def _draw_train(axes: Axes, train: TrainAnalysis) -> None:
         if fit is not None:
             axes.plot(response.lag, fit.modelled, ls=dashes, lw=width, color=colour, label=name)
             fits.append(f'{fit.fit:.1f}')
-    axes.plot(
-        response.onset, np.full(len(response.onset), axes.get_ylim()[0]), '|', color='black', ms=6
-    )
+    below = np.full(len(response.onset), axes.get_ylim()[0])
+    axes.plot(response.onset, below, '|', color='black', ms=6)
     unseen = ', law unseen' if train.held_out else ''
     axes.set_title(f'{_name(train)}{unseen}: {" / ".join(fits)} %', fontsize=8)
     # twelve time constants after its onset a twitch of order 3 or 4 is over
@@ -201,9 +200,8 @@ def draw_field(found: FieldAnalysis, title: str = '') -> Figure:
     """Return steady force by intensity at each rate, and by rate (Figs. 9 and 10)."""
     figure = _figure(8.0, 4.2, title)
     by_intensity, by_rate = figure.subplots(1, 2)
-    rates = np.array([point.rate_hz for point in found.points])
-    levels = np.array([point.intensity for point in found.points])
-    force = np.array([point.force for point in found.points])
+    rows = np.array([(point.rate_hz, point.intensity, point.force) for point in found.points])
+    rates, levels, force = rows.T
     scale = found.maximum_force.value
     u = np.linspace(0.0, 1.0, 101)
     _draw_family(

@@ -22,7 +22,6 @@ MOST_SHOWN = 300
 """Most estimates that are drawn, evenly spaced: a page has no more pixels."""
 # Time for an estimator to settle; the first fifth of a shorter session [s].
 _SETTLING = 10.0
-_LEVEL_95 = 0.95
 # Warnings no further apart are one span [s].
 _BREAK = 1.0
 # Meaning of each kind of change.
@@ -137,7 +136,7 @@ class Course:
     def disturbance(self) -> TimeCourse:
         """Force that the stimulation does not cause, with two standard deviations each side."""
         return _path(
-            _banded(one.disturbance, one.disturbance_deviation, _LEVEL_95)
+            _banded(one.disturbance, one.disturbance_deviation, 0.95)
             if one.disturbance_deviation > 0.0
             else None
             for one in self.estimates
@@ -294,9 +293,8 @@ def _slow(course: Course, start: float, end: float) -> str:
     """Return the slow changes of force and twitch in a part of the session, empty if none."""
     inside = course.settled & (course.time_s >= start) & (course.time_s <= end)
     force = _difference(course.force, inside, 'fell', 'rose')
-    slower = _difference(
-        course.physiology(_TIME_CONSTANT), inside, 'became faster', 'became slower'
-    )
+    constant = course.physiology(_TIME_CONSTANT)
+    slower = _difference(constant, inside, 'became faster', 'became slower')
     if not force and not slower:
         return ''
     places = _narrow(course.force, inside)
@@ -410,7 +408,6 @@ def _around(
 def _percent(value: float, half: float) -> str:
     """Return a share with its interval in per cent, with as many digits as the interval needs."""
     digits = 0 if half >= 0.005 else 1
-    middle, low, high = (
-        f'{100 * one:.{digits}f}' for one in (value, max(value - half, 0.0), value + half)
-    )
+    ends = max(value - half, 0.0), value + half
+    middle, low, high = (f'{100 * one:.{digits}f}' for one in (value, *ends))
     return f'{middle} % ({low} to {high} %)'

@@ -316,9 +316,8 @@ def _draw_panel(place: Axes, course: Course, panel: _Panel) -> None:
     for line, style in zip(panel.lines, _LINE_STYLES, strict=False):
         path = line.path
         if np.isfinite(path.lower).any():
-            place.fill_between(
-                time, path.lower[shown], path.upper[shown], facecolor=BAND, edgecolor=FAINT, lw=0.4
-            )
+            band = path.lower[shown], path.upper[shown]
+            place.fill_between(time, *band, facecolor=BAND, edgecolor=FAINT, lw=0.4)
         if line.true is not None:
             draw_true(place, time, line.true[shown], true_name)
             true_name = None

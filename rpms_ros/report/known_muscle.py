@@ -203,14 +203,12 @@ def of_truths(truths: Sequence[Truth], subject: Subject | None = None) -> KnownM
 
 def of_subject(subject: Subject, rate_hz: float) -> KnownMuscle:
     """Return a muscle that does not change; its curve is stated for a repetition rate [Hz]."""
-    recruitment = subject.recruitment
-    known = (recruitment.threshold, recruitment.saturation, subject.time_constant, subject.latency)
-    names = (*_STATE, 'effort')
-    state = {name: np.array([value]) for name, value in zip(names, (*known, 0.0), strict=True)}
+    shape = subject.recruitment
+    known = (shape.threshold, shape.saturation, subject.time_constant, subject.latency, 0.0)
+    state = {name: np.array([one]) for name, one in zip((*_STATE, 'effort'), known, strict=True)}
     curve = subject.steady_force(CURVE_INTENSITY, rate_hz)[np.newaxis]
-    return KnownMuscle(
-        np.zeros(1, dtype=np.int64), rate_hz, CURVE_INTENSITY, curve, state, subject
-    )
+    stamp_ns = np.zeros(1, dtype=np.int64)
+    return KnownMuscle(stamp_ns, rate_hz, CURVE_INTENSITY, curve, state, subject)
 
 
 def _noted_subject(notes: Mapping[str, str]) -> Subject | None:

@@ -20,7 +20,6 @@ from rpms_ros.identification import Estimate
 from rpms_ros.muscle.simulation import Truth
 from rpms_ros.printable import printable, spreadsheet_text
 from rpms_ros.pulses import FloatArray, IntArray
-from rpms_ros.recording.rosbag.definitions import MUSCLE_ESTIMATE
 from rpms_ros.recording.rosbag.reading import decoded
 from rpms_ros.recording.rosbag.scan import Scan
 from rpms_ros.report.known_muscle import KnownMuscle, known_muscle
@@ -30,7 +29,7 @@ if TYPE_CHECKING:
     from rpms_ros.recording import Recording
 
 DRIVER_STATUS = 'rpms_msgs/msg/DriverStatus'
-_TYPES = (MUSCLE_ESTIMATE, DRIVER_STATUS, messages.MUSCLE_TRUTH)
+_TYPES = (messages.MUSCLE_ESTIMATE, DRIVER_STATUS, messages.MUSCLE_TRUTH)
 # What an estimate takes besides its arrays [bytes]: objects of Python, and heads of arrays.
 _PER_ESTIMATE = 8000
 _PER_TRUTH = 2000

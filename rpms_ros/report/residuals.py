@@ -150,9 +150,8 @@ def stimulation_at(stamp_ns: IntArray, pulses: PulseTrain) -> FloatArray:
     index = np.searchsorted(stamp_ns, pulses.onset_ns, side='left')
     inside = (index < len(stamp_ns)) & (pulses.onset_ns >= stamp_ns[0])
     inside &= np.isfinite(pulses.intensity)
-    return np.bincount(
-        index[inside], weights=pulses.intensity[inside], minlength=len(stamp_ns)
-    ).astype(np.float64)
+    weights = pulses.intensity[inside]
+    return np.bincount(index[inside], weights, len(stamp_ns)).astype(np.float64)
 
 
 def _share(chosen: BoolArray) -> float:

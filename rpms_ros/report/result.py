@@ -198,7 +198,6 @@ NOT_A_TWITCH = (
     'not the course of a twitch of the model: the twitch stated is the closest to it; rely on '
     'neither peak'
 )
-NAN = float('nan')
 _CURVE_SHOWN = (0.25, 0.5, 0.75, 1.0)
 IDENTIFIABILITY = {NOT_INFORMED: 'not informed', INFORMED: 'informed', CONVERGED: 'converged'}
 
@@ -240,7 +239,7 @@ class ImpulseResponse:
 
 def _read(found: Curve | ImpulseResponse, value: Callable[[FloatArray], float]) -> Stated:
     rows = (found.force, found.lower, found.upper)
-    return Stated(*(NAN if row is None else value(row) for row in rows))
+    return Stated(*(np.nan if row is None else value(row) for row in rows))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -304,7 +303,7 @@ class IdentificationResult:
 
     def interval(self, name: str) -> tuple[float, float] | None:
         """Return the ends of the interval of a parameter of the recruitment curve, if any."""
-        value = (self.recruitment or {}).get(name, NAN)
+        value = (self.recruitment or {}).get(name, np.nan)
         return interval_of(name, value, (self.deviation or {}).get(name), self.confidence)
 
     @property

@@ -122,7 +122,6 @@ def _wrapped(start: str, text: str, later: str | None = None) -> str:
     return above + (shape.fill(text) or start.rstrip())
 
 
-_SHARE = ' of the maximum'
 # A wider interval is everything.
 _MOST_LOGARITHM = 50.0
 _WORDS = {
@@ -210,7 +209,7 @@ def shown(name: str, found: Mapping[str, float | None], unit: str) -> str:
         Of every force: N or N m.
     """
     if name.startswith('u_'):
-        return with_interval(found, after=_SHARE)
+        return with_interval(found, after=' of the maximum')
     if name.endswith('_s'):
         return with_interval(found, 1e3, ' ms')
     return with_interval(found, unit=f' {unit}' if name.endswith('_n') else '')

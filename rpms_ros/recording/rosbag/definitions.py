@@ -29,7 +29,6 @@ PULSE = 'rpms_msgs/msg/Pulse'
 WRENCH_STAMPED = 'geometry_msgs/msg/WrenchStamped'
 WRENCH = 'geometry_msgs/msg/Wrench'
 FLOAT64 = 'std_msgs/msg/Float64'
-MUSCLE_ESTIMATE = 'rpms_msgs/msg/MuscleEstimate'
 
 FOLDER = Path(__file__).parents[1] / 'msg'
 
