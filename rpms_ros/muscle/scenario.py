@@ -222,10 +222,9 @@ def load_scenario(name: str) -> Scenario:
     try:
         text = path.read_text(encoding='utf-8')
     except (OSError, ValueError) as fault:
-        raise MuscleError(
-            f'expected a scenario of {", ".join(scenario_names())} or a readable file, '
-            f'got {shown(name)}'
-        ) from fault
+        known = ', '.join(scenario_names())
+        said = f'expected a scenario of {known} or a readable file, got {shown(name)}'
+        raise MuscleError(said) from fault
     try:
         return scenario_from_text(text)
     except MuscleError as fault:

@@ -120,10 +120,8 @@ class PlantSimulator(NodeOfParts):
         self.create_subscription(PulseMessage, topics.PULSES, self._on_pulse, qos.PULSES)
         self._delay_ns = nanoseconds(settings.publication_delay)
         every(self, 1.0 / min(settings.rate, _FASTEST_TICK), self._tick)
-        measured = f'{quantity} [{UNITS[quantity]}] along {settings.axis}'
-        logger_of(self).info(
-            f'simulating subject {settings.subject}: {measured} at {settings.rate:g} Hz'
-        )
+        what = f'{settings.subject}: {quantity} [{UNITS[quantity]}] along {settings.axis}'
+        logger_of(self).info(f'simulating subject {what} at {settings.rate:g} Hz')
 
     def _on_pulse(self, message: PulseMessage) -> None:
         pulse = messages.pulse_of(message)

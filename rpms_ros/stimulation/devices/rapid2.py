@@ -559,12 +559,10 @@ class SerialDevice:
             'an error': status & rapid2.ERROR,
             'a device that has disarmed by itself': armed and not status & _ABLE,
         }
-        if any(said.values()):
+        if wrong := ', '.join(name for name, is_wrong in said.items() if is_wrong):
             self.silence()
-            wrong = ', '.join(name for name, is_wrong in said.items() if is_wrong)
-            raise DeviceError(
-                f'expected a device in order with a coil, got {wrong}: status {status:#04x}'
-            )
+            fault = f'expected a device in order with a coil, got {wrong}: status {status:#04x}'
+            raise DeviceError(fault)
 
     def _status_of(self, status: int, temperature: float | None = None) -> DeviceStatus:
         bits = _ABLE, rapid2.READY, rapid2.COIL_PRESENT, rapid2.REPLACE_COIL, rapid2.ERROR

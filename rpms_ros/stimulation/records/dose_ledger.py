@@ -104,9 +104,8 @@ class LedgerReader:
                     if key in self.batches:
                         self.batches[key].pulses.pop(index, None)
         except (KeyError, TypeError, ValueError) as fault:
-            raise LedgerError(
-                f'line {record.line}: expected a record of a ledger, got {fault!r}'
-            ) from fault
+            said = f'line {record.line}: expected a record of a ledger, got {fault!r}'
+            raise LedgerError(said) from fault
 
     def _reserve(self, content: Mapping[str, Any]) -> None:
         key = content['batch']
@@ -396,6 +395,7 @@ class DoseLedger(MemoryLedger):
         super().__init__(dose, self._clocks.monotonic_ns)
         horizon = nanoseconds(3600.0 * max(24.0, dose.window_h if dose is not None else 0.0))
         self.device, self.patient = device, patient
+        self._parties = {'device': device, 'patient': patient}
         self._session = secrets.token_hex(4)
         self._batches = 0
         self._files: list[ChainedFile] = []
@@ -454,8 +454,7 @@ class DoseLedger(MemoryLedger):
             [int(pulse.time_ns) + ahead, float(pulse.intensity), float(pulse.energy_j)]
             for pulse in pulses
         ]
-        parties = {'device': self.device, 'patient': self.patient}
-        self._append(RESERVE, {'batch': batch, **parties, 'pulses': rows})
+        self._append(RESERVE, {'batch': batch, **self._parties, 'pulses': rows})
         return batch
 
     def _write_unfired(self, places: list[tuple[str, int]]) -> None:
@@ -485,8 +484,7 @@ class DoseLedger(MemoryLedger):
                 f'patient {patient.name!r}, got others: records are missing'
             )
         if given != got:
-            parties = {'device': device.name, 'patient': patient.name}
-            old = Batch({'batch': given[-1], **parties, 'pulses': []}, {})
+            old = Batch({'batch': given[-1], **self._parties, 'pulses': []}, {})
             lost = device.batches.get(given[-1], old).content
             self._files[1].append(RESERVE, {name: lost[name] for name in _COPIED if name in lost})
         cut = [*readable(self._files[0].torn, device), *readable(self._files[1].torn, device)]

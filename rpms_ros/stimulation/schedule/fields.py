@@ -132,9 +132,8 @@ def refuse_unknown(content: Mapping[str, object], known: list[str], place: str) 
     """Refuse unknown keys: a misspelt limit must not count as one that was left out."""
     for key in content:
         if key not in known:
-            raise DescriptionError(
-                join(place, key), f'expected one of {", ".join(sorted(known))}, got {shown(key)}'
-            )
+            fault = f'expected one of {", ".join(sorted(known))}, got {shown(key)}'
+            raise DescriptionError(join(place, key), fault)
 
 
 def read_text(content: Mapping[str, object], key: str, place: str, longest: int) -> str:
@@ -148,11 +147,9 @@ def read_text(content: Mapping[str, object], key: str, place: str, longest: int)
     value = content.get(key)
     text = ' '.join(value.split()) if isinstance(value, str) else ''
     if not text.isprintable() or not 0 < len(text) <= longest:
-        raise DescriptionError(
-            join(place, key),
-            f'expected a text of 1 to {longest} printable characters, '
-            f'got {shown(value) if value is not None else "nothing"}',
-        )
+        got = 'nothing' if value is None else shown(value)
+        fault = f'expected a text of 1 to {longest} printable characters, got {got}'
+        raise DescriptionError(join(place, key), fault)
     return text
 
 
