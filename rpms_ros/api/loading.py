@@ -206,10 +206,8 @@ def from_arrays(
         raise RecordingError(fault)
     first, last = seconds[0], seconds[-1]
     if np.mean((onsets < first) | (onsets > last)) > 0.5:
-        raise RecordingError(
-            f'expected pulse_times within those of the force, {first:g} to {last:g} s, got '
-            f'{onsets[0]:g} to {onsets[-1]:g} s'
-        )
+        fault = f'expected pulse_times within those of the force, {first:g} to {last:g} s'
+        raise RecordingError(f'{fault}, got {onsets[0]:g} to {onsets[-1]:g} s')
     shares = _numbers(intensity)
     if shares.shape not in ((), onsets.shape):
         fault = f'expected an intensity for each of {len(onsets)} pulses, or one'

@@ -99,10 +99,8 @@ def run(arguments: argparse.Namespace) -> int:
         _watch(launcher, subject, arguments.duration, arguments.quiet)
         launcher.stop()
     if not launcher.monitor.estimates:
-        raise NodeError(
-            f'expected estimates, got none before the driver stopped: is this machine busy? What '
-            f'the nodes said is in {folder}'
-        )
+        fault = 'expected estimates, got none before the driver stopped'
+        raise NodeError(f'{fault}: is this machine busy? What the nodes said is in {folder}')
     return _report(launcher, subject, parameters[IDENTIFIER], scenario)
 
 

@@ -191,6 +191,5 @@ def _refuse_refusal(command: bytes, answer: bytes) -> None:
     if answer[:1] == b'?':
         raise ValueError(f'expected the instrument to obey {name}, got ?: it does not know it')
     if len(answer) == STATUS_LENGTH and answer[1] in _REFUSALS and framed(answer[:-1]) == answer:
-        raise ValueError(
-            f'expected the instrument to obey {name}, got {chr(answer[1])}: {_REFUSALS[answer[1]]}'
-        )
+        fault = f'expected the instrument to obey {name}'
+        raise ValueError(f'{fault}, got {chr(answer[1])}: {_REFUSALS[answer[1]]}')

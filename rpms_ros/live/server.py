@@ -73,10 +73,8 @@ class Access:
 
     def __post_init__(self) -> None:
         if self.token and not SHORTEST_TOKEN <= len(self.token) <= _LONGEST_TOKEN:
-            raise LiveError(
-                f'expected a token of {SHORTEST_TOKEN} to {_LONGEST_TOKEN} characters, '
-                f'got {len(self.token)}'
-            )
+            fault = f'expected a token of {SHORTEST_TOKEN} to {_LONGEST_TOKEN} characters'
+            raise LiveError(f'{fault}, got {len(self.token)}')
         if not (self.token.isascii() and all(sign.isprintable() for sign in self.token)):
             raise LiveError('expected a token of printable ASCII, got other characters')
 

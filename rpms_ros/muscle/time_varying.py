@@ -193,10 +193,8 @@ class Timeline:
 def _require_apart(time: float, threshold: float, saturation: float) -> None:
     # differences of decimal numbers are rounded
     if not saturation - threshold > SMALLEST_SEPARATION - 1e-9:
-        raise MuscleError(
-            f'expected a saturation at least {SMALLEST_SEPARATION} above the threshold, '
-            f'got {saturation:g} and {threshold:g} at {time:g} s'
-        )
+        fault = f'expected a saturation at least {SMALLEST_SEPARATION} above the threshold'
+        raise MuscleError(f'{fault}, got {saturation:g} and {threshold:g} at {time:g} s')
 
 
 def _knots(name: str, start: float, changes: Sequence[Change]) -> tuple[FloatArray, FloatArray]:

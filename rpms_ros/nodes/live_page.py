@@ -154,9 +154,8 @@ def _message(data: bytes, kind: Any) -> Any:
     try:
         return deserialize_message(data, kind)
     except Exception as error:  # of rmw, of rclpy, or of a text that is none
-        raise MessageError(
-            f'expected a serialised {kind.__name__}, got {len(data)} bytes that are none'
-        ) from error
+        fault = f'expected a serialised {kind.__name__}, got {len(data)} bytes that are none'
+        raise MessageError(fault) from error
 
 
 _LOOK_S = 0.02

@@ -144,10 +144,8 @@ def _spike2_channels(path: Path, content: Mapping[str, Any]) -> SignalFile | Non
 def _waveform(path: Path, title: str, channel: Mapping[str, Any], values: FloatArray) -> Signal:
     start, interval = float(channel['start']), float(channel['interval'])
     if not (np.isfinite(start) and 0.0 < interval < np.inf):
-        raise RecordingError(
-            f'expected a waveform with an interval above 0 s in {path}, got {interval} of '
-            f'{title!r}'
-        )
+        fault = f'expected a waveform with an interval above 0 s in {path}'
+        raise RecordingError(f'{fault}, got {interval} of {title!r}')
     time = start + interval * np.arange(len(values), dtype=np.float64)
     return Signal(title, values, _text(channel, 'units'), time)
 

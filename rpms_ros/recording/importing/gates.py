@@ -87,10 +87,8 @@ def gate_pulses(stamp_ns: IntArray, gate: FloatArray, options: ImportOptions) ->
     # the end of a pulse whose beginning is before the first sample
     begun_for = (stamp_ns[min(begun, len(gate) - 1)] - stamp_ns[0]) / NANOSECONDS_PER_SECOND
     if not len(rises):
-        raise RecordingError(
-            f'expected a gate that {"falls" if falling else "rises"} through {threshold:g}, '
-            f'got levels {low:g} to {top:g}'
-        )
+        fault = f'expected a gate that {"falls" if falling else "rises"} through {threshold:g}'
+        raise RecordingError(f'{fault}, got levels {low:g} to {top:g}')
     onset = stamp_ns[rises]
     # A gate that is still up at the end is as wide as it was seen.
     end = np.append(stamp_ns[falls], stamp_ns[-1])[: len(onset)]
@@ -336,10 +334,8 @@ def list_unit(
     if time_unit is not None:
         return time_unit, 'as stated (--time-unit)'
     if signal.unit not in (*NO_TIME, SAMPLES):
-        raise Ambiguous(
-            f'expected times of pulses in {", ".join(LIST_UNITS)}, got {signal.name!r} in '
-            f'{signal.unit}: --pulse-unit decides'
-        )
+        fault = f'expected times of pulses in {", ".join(LIST_UNITS)}'
+        raise Ambiguous(f'{fault}, got {signal.name!r} in {signal.unit}: --pulse-unit decides')
     within = {unit: _within(signal.values, unit, seconds) for unit in ('s', 'ms', 'us')}
     possible = [one for one in ('s', 'ms', SAMPLES, 'us') if within.get(one, numbers)]
     begin, end = float(seconds[0]), float(seconds[-1])

@@ -175,10 +175,8 @@ def _time(file: SignalFile, sampled: Sequence[Signal]) -> str:
         raise _no_times(counters[0])
     if len(chosen) != 1:
         found = ', '.join(repr(one.name) for one in chosen) or _why_none(file)
-        raise Ambiguous(
-            f'expected one column of rising times in {file.path}, got {found}: '
-            '--time COL or --sampling-rate HZ decides'
-        )
+        fault = f'expected one column of rising times in {file.path}'
+        raise Ambiguous(f'{fault}, got {found}: --time COL or --sampling-rate HZ decides')
     return chosen[0].name
 
 
@@ -222,18 +220,14 @@ def _time_told(column: Signal | None, given: str | None, rate: float | None) -> 
 def _time_unit(signal: Signal, given: str | None) -> tuple[str, str]:
     if signal.unit == TIME_OF_DAY:
         if given not in (None, 's'):
-            raise RecordingError(
-                f'expected no --time-unit, or s, for the times of day of {signal.name!r}, '
-                f'got {given}'
-            )
+            fault = f'expected no --time-unit, or s, for the times of day of {signal.name!r}'
+            raise RecordingError(f'{fault}, got {given}')
         return 's', 'from times of day'
     if told := unit_told(signal.unit.lower(), given, 'time-unit', TIME_UNITS):
         return told
     if signal.unit not in NO_TIME:
-        raise Ambiguous(
-            f'expected a time in {", ".join(TIME_UNITS)}, got {signal.name!r} in {signal.unit}: '
-            '--time-unit decides'
-        )
+        fault = f'expected a time in {", ".join(TIME_UNITS)}'
+        raise Ambiguous(f'{fault}, got {signal.name!r} in {signal.unit}: --time-unit decides')
     if _counts(signal):
         raise _no_times(signal.name)
     period = float(np.median(np.diff(signal.values))) if len(signal.values) > 1 else 0.0
@@ -265,10 +259,8 @@ def _force_unit(signal: Signal, given: str | None, scale: float | None) -> tuple
     stated = usual_unit(signal.unit)
     if stated in UNSTATED:
         return 'N', 'not stated (--force-unit decides)'
-    raise Ambiguous(
-        f'expected a force in {", ".join(SENSOR_UNITS)}, got {signal.name!r} in {stated}: '
-        '--force-scale N-PER-UNIT or --force-unit decides'
-    )
+    fault = f'expected a force in {", ".join(SENSOR_UNITS)}, got {signal.name!r} in {stated}'
+    raise Ambiguous(f'{fault}: --force-scale N-PER-UNIT or --force-unit decides')
 
 
 def _pulse(file: SignalFile, sampled: Sequence[Signal], lists: Sequence[str]) -> str:
@@ -286,7 +278,5 @@ def _pulse(file: SignalFile, sampled: Sequence[Signal], lists: Sequence[str]) ->
         if len(both) == 1:
             return both[0]
     found = ', '.join(map(repr, chosen)) or 'none'
-    raise Ambiguous(
-        f'expected one gate, trigger or list of pulses in {file.path}, got {found}: '
-        '--pulse COL decides'
-    )
+    fault = f'expected one gate, trigger or list of pulses in {file.path}'
+    raise Ambiguous(f'{fault}, got {found}: --pulse COL decides')

@@ -45,10 +45,8 @@ def _decoded(path: Path) -> tuple[str, str]:
     """
     raw = path.read_bytes()
     if raw.startswith(_OLD_OFFICE):
-        raise RecordingError(
-            f'expected a table of text or a workbook .xlsx in {path}, got one of the old format '
-            '.xls; save it as .xlsx'
-        )
+        fault = f'expected a table of text or a workbook .xlsx in {path}'
+        raise RecordingError(f'{fault}, got one of the old format .xls; save it as .xlsx')
     text, name = _text(raw)
     head = text[:4096]
     strange = any(letter < ' ' and letter not in '\t\n\f\r' for letter in head)
@@ -210,10 +208,8 @@ def _has_point(cell: str) -> bool:
 def _refuse_thousands(path: Path, cells: Sequence[str]) -> None:
     """Refuse a table with marks between thousands: 1.000 would be read as one."""
     for cell in filter(_THOUSANDS.match, cells):
-        raise RecordingError(
-            f'expected numbers without marks between thousands in {path}, got {cell!r}; '
-            'export it without them'
-        )
+        fault = f'expected numbers without marks between thousands in {path}'
+        raise RecordingError(f'{fault}, got {cell!r}; export it without them')
 
 
 def _refuse_marked(path: Path, cells: Sequence[str]) -> None:
@@ -289,10 +285,8 @@ def _columns(path: Path, rows: Sequence[list[str]], width: int, comma: bool) -> 
     days: set[str] = set()
     for index, cells in enumerate(rows):
         if len(cells) != width:
-            raise RecordingError(
-                f'expected {width} cells in each row of {path}, got {len(cells)} in row '
-                f'{index + 1} of the numbers'
-            )
+            fault = f'expected {width} cells in each row of {path}'
+            raise RecordingError(f'{fault}, got {len(cells)} in row {index + 1} of the numbers')
         for column, cell in enumerate(cells):
             value = number(cell, comma)
             if value is None or (comma and _has_point(cell)):

@@ -170,24 +170,18 @@ def _intensities(
     else:
         if not Path(name).is_file():
             columns = ', '.join(repr(one.name) for one in file.signals)
-            raise RecordingError(
-                f'expected a share, a column or a file with --intensity, got {text!r}; the '
-                f'columns of {file.path} are {columns}'
-            )
+            fault = f'expected a share, a column or a file with --intensity, got {text!r}'
+            raise RecordingError(f'{fault}; the columns of {file.path} are {columns}')
         table = read_signals(Path(name)).signals
         named = [one for one in table if 'intens' in one.name.lower()]
         if len(table) > 1 and not named:
-            raise RecordingError(
-                f'expected one column of intensities in {name}, or a title that says which, got '
-                f'{len(table)} columns'
-            )
+            fault = f'expected one column of intensities in {name}, or a title that says which'
+            raise RecordingError(f'{fault}, got {len(table)} columns')
         found = (named or table)[0]
         shares = found.values
         if len(shares) != len(pulses):
-            raise RecordingError(
-                f'expected the intensity of each of {len(pulses)} pulses in {name}, got '
-                f'{len(shares)}'
-            )
+            fault = f'expected the intensity of each of {len(pulses)} pulses in {name}'
+            raise RecordingError(f'{fault}, got {len(shares)}')
     shares = shares * (scale / 100.0 if found.unit == '%' else scale)
     if (wrong := np.flatnonzero(~((shares >= 0.0) & (shares <= 1.0)))).size:
         raise RecordingError(
@@ -247,30 +241,22 @@ def _stamps(file: SignalFile, signal: Signal, guess: Guess, options: ImportOptio
 
 def _finite(file: SignalFile, signal: Signal) -> None:
     for row in np.flatnonzero(~np.isfinite(signal.values))[:1].tolist():
-        raise RecordingError(
-            f'expected finite numbers in column {signal.name!r} of {file.path}, '
-            f'got {signal.values[row]} in row {row + 1}'
-        )
+        fault = f'expected finite numbers in column {signal.name!r} of {file.path}'
+        raise RecordingError(f'{fault}, got {signal.values[row]} in row {row + 1}')
 
 
 def _rising(file: SignalFile, name: str, values: FloatArray, unit: float) -> IntArray:
     if (missing := np.flatnonzero(np.isnan(values))).size:
-        raise RecordingError(
-            f'expected a time in each row of column {name!r} of {file.path}, got none in row '
-            f'{missing[0] + 1}'
-        )
+        fault = f'expected a time in each row of column {name!r} of {file.path}'
+        raise RecordingError(f'{fault}, got none in row {missing[0] + 1}')
     if (late := np.flatnonzero(np.diff(values) <= 0)).size:
-        raise RecordingError(
-            f'expected rising times in column {name!r} of {file.path}, '
-            f'got {values[late[0]]} and then {values[late[0] + 1]}'
-        )
+        fault = f'expected rising times in column {name!r} of {file.path}'
+        raise RecordingError(f'{fault}, got {values[late[0]]} and then {values[late[0] + 1]}')
     seconds = values * unit
     # Beyond that nanoseconds do not fit into 64 bits.
     if len(seconds) and not np.abs(seconds).max() < 9e9:
-        raise RecordingError(
-            f'expected times below 9e9 s in {file.path}, got {np.abs(seconds).max():g} s: '
-            '--time-unit decides'
-        )
+        fault = f'expected times below 9e9 s in {file.path}'
+        raise RecordingError(f'{fault}, got {np.abs(seconds).max():g} s: --time-unit decides')
     return stamps(seconds)
 
 

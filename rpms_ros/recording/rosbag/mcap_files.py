@@ -165,10 +165,8 @@ class McapFile(StorageFile):
             self._budget.unpack(size, f'a chunk of {len(packed)} bytes')
             packed = unpacked(packed, chunk.compression, size)
         elif chunk.compression:
-            raise RecordingError(
-                f'expected a compression of {", ".join(DECOMPRESSORS)} in {self._path.name}, '
-                f'got {chunk.compression!r}'
-            )
+            fault = f'expected a compression of {", ".join(DECOMPRESSORS)} in {self._path.name}'
+            raise RecordingError(f'{fault}, got {chunk.compression!r}')
         content = np.frombuffer(packed, np.uint8)
         if self._is_usable(content, chunk, start, cut_off):
             yield from self._messages(content, walk(content)[0])

@@ -77,10 +77,8 @@ class Decoder:
 
     def __init__(self, channel: Channel, wanted: Sequence[str], string: str | None = None) -> None:
         if channel.serialization != 'cdr':
-            raise RecordingError(
-                f'expected serialization cdr on topic {channel.topic}, '
-                f'got {channel.serialization or "none"}'
-            )
+            fault = f'expected serialization cdr on topic {channel.topic}'
+            raise RecordingError(f'{fault}, got {channel.serialization or "none"}')
         self._type_name = channel.type_name
         self._types = types_of(channel.type_name, channel.definition, channel.definition_encoding)
         self._string = string

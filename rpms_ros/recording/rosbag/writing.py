@@ -70,10 +70,8 @@ def _encode(
     """Return records of a message with a header; fields that are not given are zero."""
     second, nanosecond = np.divmod(stamp_ns, NANOSECONDS_PER_SECOND)
     if len(second) and not (second.min() >= 0 and second.max() <= _LARGEST_SECOND):
-        raise RecordingError(
-            f'expected stamps from 0 to {_LARGEST_SECOND} s, '
-            f'got {second.min()} to {second.max()} s'
-        )
+        fault = f'expected stamps from 0 to {_LARGEST_SECOND} s'
+        raise RecordingError(f'{fault}, got {second.min()} to {second.max()} s')
     text = frame_id.encode()
     fields = fields_of(known_types(), type_name)
     rows = np.zeros(len(stamp_ns), record_type(fields, '<', len(text) + 1))

@@ -411,10 +411,8 @@ class SerialDevice:
                 return self._status_of(status)
             if self._clock() > end:
                 self.silence()
-                raise DeviceError(
-                    f'expected a device that is ready within {_CHARGE_S:g} s, '
-                    f'got status {status:#04x}'
-                )
+                fault = f'expected a device that is ready within {_CHARGE_S:g} s'
+                raise DeviceError(f'{fault}, got status {status:#04x}')
 
     def prepare(self, intensity: float, spare_s: float = math.inf) -> DeviceStatus | None:
         """Set the intensity of the next pulse, again also if it is the same.

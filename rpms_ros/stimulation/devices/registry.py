@@ -217,9 +217,8 @@ def require_device(name: str) -> None:
         raise StimulationError(f'device: expected one of {names}, got {name!r}')
     targets = sorted({point.value for point in registered.select(name=name)})
     if len(targets) > 1:
-        raise StimulationError(
-            f'device: expected one of the name {name!r}, got {" and ".join(targets)}'
-        )
+        fault = f'device: expected one of the name {name!r}, got {" and ".join(targets)}'
+        raise StimulationError(fault)
 
 
 def build_device(name: str, options: DeviceOptions) -> Device:
@@ -236,9 +235,8 @@ def build_device(name: str, options: DeviceOptions) -> Device:
         builder: Callable[[DeviceOptions], Device] = point.load()
         device = builder(options)
     except (ImportError, AttributeError, TypeError, ValueError) as error:
-        raise StimulationError(
-            f'expected the device {name!r} at {point.value}, got {type(error).__name__}: {error}'
-        ) from error
+        fault = f'expected the device {name!r} at {point.value}'
+        raise StimulationError(f'{fault}, got {type(error).__name__}: {error}') from error
     parts = sorted(part for part in vars(Device) if not part.startswith('_'))
     if lacking := [part for part in parts if getattr(device, part, None) is None]:
         raise StimulationError(

@@ -274,9 +274,8 @@ class ChainedFile:
             }
             line, digest = encoded(stamped, self._hash)
             if len(line) >= LONGEST_LINE:
-                raise StimulationError(
-                    f'expected a record of less than {LONGEST_LINE} bytes, got {len(line)}'
-                )
+                fault = f'expected a record of less than {LONGEST_LINE} bytes, got {len(line)}'
+                raise StimulationError(fault)
             self._write(line, sync)
             self._hash, self._count = digest, self._count + 1
 

@@ -98,9 +98,8 @@ def twitches(
         If there is nothing to give, the seed is none, or twitches would run into each other.
     """
     if not intensities or repetitions < 1:
-        raise StimulationError(
-            f'expected intensities and repetitions, got {len(intensities)} and {repetitions}'
-        )
+        fault = f'expected intensities and repetitions, got {len(intensities)} and {repetitions}'
+        raise StimulationError(fault)
     check_seed(seed, StimulationError)
     order = np.random.default_rng(seed).permutation(np.repeat(intensities, repetitions))
     pulses: list[Segment] = [Single(float(level)) for level in order]

@@ -240,9 +240,7 @@ def _refuse_disorder(plan: Plan) -> None:
         return
     ascending = bool(np.all(np.diff(plan.onset_ns) >= 0))
     if not ascending or plan.onset_ns[0] < 0 or plan.onset_ns[-1] > plan.duration_ns:
-        raise StimulationError(
-            f'expected onsets that ascend from 0 to {plan.duration_ns} ns, got '
-            f'{plan.onset_ns.min()} to {plan.onset_ns.max()} ns'
-        )
+        fault = f'expected onsets that ascend from 0 to {plan.duration_ns} ns'
+        raise StimulationError(f'{fault}, got {plan.onset_ns.min()} to {plan.onset_ns.max()} ns')
     if not np.all(np.isfinite(plan.intensity)):
         raise StimulationError('expected finite intensities, got some that are not')
