@@ -382,10 +382,8 @@ class Identifier(NodeOfParts):
         topic = self.resolve_topic_name(topics.FORCE)
         for ear in (self._force, self._pulses):
             if ear.look():
-                said = (
-                    f'{ear.name} is published best effort: it is heard, and messages may be lost'
-                )
-                logger_of(self).warning(said)
+                how = 'published best effort: it is heard, and messages may be lost'
+                logger_of(self).warning(f'{ear.name} is {how}')
         faults = {**self.stream.fault_counts, **self._senders.fault_counts}
         for name, count in faults.items():
             if count != self._reported.get(name):
