@@ -12,11 +12,13 @@ Random people with a recruitment of another shape, another summation, or somethi
 stimulation, simulated here without code of the package: 60 s at 20 Hz with 0.5 % noise, random
 intensities and a sinusoid of 9 s.  Error of the curve and half of its 95 % interval in % of the
 curve's maximum (median and worst; median), share of the curve inside the interval, verdicts and
-doubts, and processor time of a session.  `silent` counts sessions whose curve is wrong by more
-than 2 % and outside its interval, with the verdict good.  Beside the muscle of the model's own
-family, `arctan`, stands the least deviation that any unbiased estimator of its eight parameters
-can have (Cramer and Rao), that of one that is unbiased for recruitment and response of any shape
-too, and by how much the error exceeds them, all as root mean squares over curve and people.
+doubts, processor time of a session, and for muscles that stay the same error and coverage of the
+response to one pulse at full intensity (worst; mean).  `silent` counts sessions whose curve is
+wrong by more than 2 % and outside its interval, with the verdict good.  Beside the muscle of the
+model's own family, `arctan`, stands the least deviation that any unbiased estimator of its eight
+parameters can have (Cramer and Rao), that of one that is unbiased for recruitment and response of
+any shape too, and by how much the error exceeds them, all as root mean squares over curve and
+people.
 `scipy`, `polynomial` and `ekf` are those of peers.py; they state no interval.
 
 With --drawn, each session has a muscle and up to two situations, an excitation, a rate, a duration
@@ -103,8 +105,10 @@ SITUATIONS = [
     *('doublets', 'ding', 'slip', 'effort', 'heart', 'hum', 'rests', 'length', 'release'),
     *('filter', 'jitter', 'lost', 'late'),
 ]
-# the last one is never drawn
-MUSCLES = [*RECRUITMENTS, *SITUATIONS, 'sway']
+# the last ones are never drawn
+MUSCLES = [*RECRUITMENTS, *SITUATIONS, 'sway', 'second']
+# these end as another muscle than they begin
+CHANGING = ('slip', 'rests', 'sway')
 EXCITATIONS = ['random', 'sinusoid', 'upper', 'staircase', 'groups', 'catch']
 
 
@@ -144,14 +148,16 @@ def intensities(excitation, one, generator):
     }[excitation]
 
 
-def twitches(grid, onset, size, one):
-    """Return the sum of third-order twitches of area 1."""
+def twitches(grid, onset, size, one, order=3):
+    """Return the sum of twitches of area 1."""
     force, constant = np.zeros(len(grid)), one['time_constant']
     for at, each in zip(onset, size, strict=True):
         first = np.searchsorted(grid, at + one['latency'])
         lag = grid[first : first + 900] - at - one['latency']
-        force[first : first + 900] += each * (lag / constant) ** 2 * np.exp(-lag / constant)
-    return force / (2.0 * constant)
+        force[first : first + 900] += (
+            each * (lag / constant) ** (order - 1) * np.exp(-lag / constant)
+        )
+    return force / (math.factorial(order - 1) * constant)
 
 
 UNITS = 40
@@ -225,7 +231,7 @@ def contraction(kinds, grid, onset, intensity, one, generator):
         recruited, truth = recruited * share, truth * left
     if 'jitter' in kinds:
         onset = onset + 0.5e-3 * generator.standard_normal(len(onset))
-    force = twitches(grid, onset, recruited, one)
+    force = twitches(grid, onset, recruited, one, 2 if 'second' in kinds else 3)
     if 'ding' in kinds:
         # units that are above their threshold do all the same
         beat, many = np.arange(0.0, 3.0, 1e-3), np.arange(1e-3, 3.0, 1.0 / rate)
@@ -262,6 +268,18 @@ def session(muscle, excitation, seed, seconds=SECONDS):
     kinds = [muscle] if muscle in RECRUITMENTS else ['arctan', muscle]
     one = person(generator) | {'seconds': seconds}
     return simulated(kinds, excitation, one, generator)
+
+
+def response(muscle, seed):
+    """Return times [s] and the true response to one pulse at full intensity."""
+    generator = np.random.default_rng([seed, zlib.crc32(muscle.encode())])
+    kinds = [muscle] if muscle in RECRUITMENTS else ['arctan', muscle]
+    grid = np.arange(0.0, 0.9, 1e-3)
+    one = person(generator)
+    force, truth = contraction(kinds, grid, np.zeros(1), np.ones(1), one, generator)
+    if 'filter' in kinds:
+        force = lfilter(*butter(2, 30.0, fs=1e3), force)
+    return grid, 10.0 / truth.max() * force
 
 
 def drawn(seed, muscles):
@@ -381,16 +399,16 @@ PEERS = {'scipy': peers.by_scipy, 'polynomial': peers.by_polynomial, 'ekf': peer
 
 
 def identified(name, arrays, truth, rate=RATE):
-    """Return curve, half of its interval, where it holds, the verdict and doubts, seconds."""
+    """Return curve, half of its interval, where it holds, verdict, seconds and estimate."""
     begun = time.process_time()
     if name in PEERS:
         curve = PEERS[name](*arrays)
-        return curve, math.nan, np.full(len(U), math.nan), [], time.process_time() - begun
+        return curve, math.nan, np.full(len(U), math.nan), [], time.process_time() - begun, None
     found = rpms_ros.from_arrays(*arrays).identify(name, rate_hz=rate)
     spent, last = time.process_time() - begun, found.estimates.last
     held = (last.curve_lower <= truth) & (truth <= last.curve_upper)
     half = (last.curve_upper - last.curve_lower).max() / 2.0
-    return last.curve_force, half, held, [found.verdict.grade, *last.doubts], spent
+    return last.curve_force, half, held, [found.verdict.grade, *last.doubts], spent, last
 
 
 def within(name, excitation, seed):
@@ -431,7 +449,7 @@ def draw(chosen):
         for name in chosen.estimators:
             kinds, excitation, one, generator = drawn(seed, chosen.muscles)
             arrays, truth = simulated(kinds, excitation, one, generator)
-            curve, half, held, words, _ = identified(name, arrays, truth, one['rate'])
+            curve, half, held, words, *_ = identified(name, arrays, truth, one['rate'])
             error = 100.0 * np.abs(curve - truth) / truth.max()
             silent = without_a_word(words, error, held)
             count.update([(name, words[0]), *[(name, 'silent')] * silent])
@@ -470,22 +488,30 @@ def main():
     for muscle in chosen.muscles:
         for excitation in chosen.excitations:
             for name in chosen.estimators:
-                rows, said, off = [], Counter(), []
+                rows, said, off, answers = [], Counter(), [], []
                 for seed in range(chosen.seeds):
                     arrays, truth = session(muscle, excitation, seed)
-                    curve, half, held, words, spent = identified(name, arrays, truth)
+                    curve, half, held, words, spent, last = identified(name, arrays, truth)
                     off.append((curve - truth) / truth.max())
                     error = 100.0 * np.abs(off[-1])
                     inside = held[5:].mean()
                     rows.append((error.max(), 100.0 * half / truth.max(), inside, spent))
                     said.update(words)
                     silent += without_a_word(words, error, held)
+                    if last is not None and muscle not in CHANGING:
+                        true = np.interp(last.response_time, *response(muscle, seed))
+                        gone = 100.0 * np.abs(last.response_force - true) / true.max()
+                        right = (last.response_lower <= true) & (true <= last.response_upper)
+                        answers.append((gone.max(), right.mean()))
                 error, half, held, spent = np.array(rows).T
                 line = (
                     f'{muscle:12} {excitation:12} {name:10} {np.median(error):7.3f} / '
                     f'{error.max():7.3f} % {np.median(half):7.3f} {held.mean():8.2f} '
                     f'{np.median(spent):7.1f} s  {dict(said)}'
                 )
+                if answers:
+                    gone, right = np.array(answers).T
+                    line += f'  response {gone.max():.2f} % {right.mean():.2f}'
                 if muscle == 'arctan':
                     rms = 100.0 * np.sqrt(np.mean(np.square(off)))
                     for which, bound in BOUNDS.items():

@@ -193,11 +193,14 @@ class BasisChoice:
 
     def finer(self, basis: LaguerreBasis) -> LaguerreBasis:
         """Return the best basis of latencies in between, as far as they are clearly better."""
+        before = basis
         for shift in _FINER:
             best, basis = basis, self._uphill(basis, shift)
             if self._roughly(basis) < self._roughly(best) + _DECISION:
-                return best
-        return basis
+                basis = best
+                break
+        # at the right latency time constants far apart are equal
+        return basis if basis == before else self._middle(basis, [basis])
 
     def _uphill(self, nearest: LaguerreBasis, shift: float = _SHIFT) -> LaguerreBasis:
         best = None
