@@ -337,8 +337,9 @@ class Identifier(NodeOfParts):
         # Pulses last: none is handed over later than a sample that came after it.
         forces = self._force.taken()
         pulses = self._pulses.taken()
-        self.stream.miss(self._force.lost)
-        self._force.lost = 0
+        if self._force.lost:
+            self.stream.miss(self._force.lost)
+            self._force.lost = 0
         if forces:
             self._heard = time.monotonic()
         train = PulseTrain.of(

@@ -110,9 +110,8 @@ class QueuedTopic:
         self._listener, self._kind = listener, kind
         self._reliable = queued_subscription(listener, kind, self.name, profile)
         self._best_effort: Subscription | None = None
-        # messages that came, of which the other subscription may have a copy: newest and before
-        self._new: set[tuple[int | None, int]] = set()
-        self._old = self._new
+        # messages that came, of which the other subscription may have a copy
+        self._seen: dict[tuple[int | None, int], None] = {}
         self._newest: int | None = None
         self._gids: set[tuple[int, ...]] = set()
         self.publishers = self.lost = 0
@@ -156,9 +155,8 @@ class QueuedTopic:
 
     def _is_new(self, taken: Taken) -> bool:
         key = taken.sequence, taken.sent_ns
-        if key in self._new or key in self._old:
-            return False
-        if len(self._new) >= _MOST:
-            self._old, self._new = self._new, set()
-        self._new.add(key)
-        return True
+        new = key not in self._seen
+        self._seen[key] = None
+        if len(self._seen) > 2 * _MOST:
+            del self._seen[next(iter(self._seen))]
+        return new
