@@ -192,11 +192,11 @@ class BasisChoice:
         return self._uphill(more) if gain > _DECISION else basis
 
     def finer(self, basis: LaguerreBasis) -> LaguerreBasis:
-        """Return the best basis of latencies in between, as far as they are clearly better."""
+        """Return the best basis of latencies in between, as far as they are better beyond doubt."""
         before = basis
         for shift in _FINER:
             best, basis = basis, self._uphill(basis, shift)
-            if self._roughly(basis) < self._roughly(best) + _DECISION:
+            if self._roughly(basis) < self._roughly(best) + _LIVELY_DECISION:
                 basis = best
                 break
         # at the right latency time constants far apart are equal
