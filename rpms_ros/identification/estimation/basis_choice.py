@@ -192,7 +192,7 @@ class BasisChoice:
         return self._uphill(more) if gain > _DECISION else basis
 
     def finer(self, basis: LaguerreBasis) -> LaguerreBasis:
-        """Return the best basis of latencies in between, as far as they are better beyond doubt."""
+        """Return the best basis of latencies in between, if better beyond doubt."""
         before = basis
         for shift in _FINER:
             best, basis = basis, self._uphill(basis, shift)
