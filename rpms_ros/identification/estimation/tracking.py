@@ -818,9 +818,8 @@ class TrackingEstimator(ProjectionEstimator):
             rest = self._raw.rest(self._basis, point.theta, point.linear)[-1]
             self._raw = self._raw.without(self._tremor.frequency, rest)
             self._change_basis(self._basis)
-        choice, everywhere = self._choice(), search is Search.EVERYWHERE
-        found = choice.better(everywhere)
-        found = choice.richer(choice.finer(found) if everywhere else found)
+        choice = self._choice()
+        found = choice.richer(choice.better(search is Search.EVERYWHERE))
         explained = choice.explained(found)
         quieter = explained.fit.scales.lively < LIVELY <= fit.scales.lively
         freed = explained.fit.inflation < _ALIKE * fit.colour < fit.inflation
