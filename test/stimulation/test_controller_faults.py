@@ -292,6 +292,20 @@ def test_delivery_from_before_its_trigger_is_that_of_another_pulse(running, earl
     assert_safe(running)
 
 
+def test_a_slow_pulse_is_a_fault_also_where_a_stop_came_meanwhile(running):
+    gives = type(running.device).fire
+
+    def slow(*arguments):
+        given = gives(running.device, *arguments)
+        running.controller.stop('test', 'a test')
+        return given._replace(time_ns=given.time_ns + 200_000_000)
+
+    running.device.instead['fire'] = slow
+    running.advance(0.1)
+    assert running.controller.state is State.FAULT
+    assert running.controller.fault_counts()['slow'] == 1
+
+
 @pytest.mark.parametrize('flag', ['coil_present', 'armed', 'ready'])
 @pytest.mark.parametrize('no', [False, 0, np.False_])
 def test_a_device_says_no_in_any_type(running, flag, no):

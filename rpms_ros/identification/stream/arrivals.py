@@ -275,7 +275,7 @@ class PulseQueue:
         missing_from_ns = max(self._last_onset_ns, onset_ns - self._pulse_look_ahead_ns)
         if step:
             self._counts = step <= SEQUENCE_PERIOD // 2
-        if step == 0 and self._counts:
+        elif self._counts:
             # of a relay that stamps anew, say: which of the two was given is not known
             self.counter.add(faults.PULSE_DUPLICATE)
             self.exclude(missing_from_ns, onset_ns + self.memory_ns)

@@ -22,11 +22,13 @@ rcl drops a file of parameters that is for other nodes without a word: here it i
 import dataclasses
 import difflib
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from itertools import filterfalse
 from typing import Any, NamedTuple, TypeVar
 
-from rcl_interfaces.msg import ParameterDescriptor
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -140,6 +142,20 @@ def _within(item: Any, description: Description) -> bool:
     return description.bounds is None or description.bounds[0] <= item <= description.bounds[1]
 
 
+def _answered(node: Node, callback: Callable[[Any, Any], Any], request: Any, response: Any) -> Any:
+    """Answer a request for parameters; a value of no type would end the process in rclpy."""
+    try:
+        return callback(request, response)
+    except ValueError as error:
+        logger_of(node).warning(f'refused: expected parameters with a type, got {error}')
+        refused = SetParametersResult(successful=False, reason=str(error))
+        if hasattr(response, 'results'):
+            response.results = [refused] * len(request.parameters)
+        else:
+            response.result = refused
+        return response
+
+
 def declare_parameters(
     node: Node, settings: type[Settings], refuse_misspelt: bool = False
 ) -> Settings:
@@ -160,6 +176,9 @@ def declare_parameters(
         If a value has the wrong type, is out of bounds, or contradicts another one; if a name is
         misspelt and that is to be refused.
     """
+    for service in node.services:
+        if 'set_parameters' in service.srv_name:
+            service.callback = partial(_answered, node, service.callback)
     # The errors of rclpy name neither the bounds nor the right way to write the value, and it
     # ignores misspelled names; it has no public access to the given values.
     given: dict[str, Parameter] = getattr(node, '_parameter_overrides', {})

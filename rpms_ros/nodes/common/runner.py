@@ -12,14 +12,12 @@ import time
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from functools import partial
 from pathlib import Path
 from traceback import walk_stack
 from types import FrameType
 from typing import Any
 
 import rclpy
-from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import NameValidationException
 from rclpy.executors import ExternalShutdownException
@@ -299,20 +297,6 @@ def _spin(node: Node, stop: StopRequest) -> None:
         raise failed
 
 
-def _answered(node: Node, callback: Callable[[Any, Any], Any], request: Any, response: Any) -> Any:
-    """Answer a request for parameters; a value of no type would end the process in rclpy."""
-    try:
-        return callback(request, response)
-    except ValueError as error:
-        logger_of(node).warning(f'refused: expected parameters with a type, got {error}')
-        refused = SetParametersResult(successful=False, reason=str(error))
-        if hasattr(response, 'results'):
-            response.results = [refused] * len(request.parameters)
-        else:
-            response.result = refused
-        return response
-
-
 @contextmanager
 def complete_or_gone(node: Node) -> Iterator[ExitStack]:
     """Build the parts of a node; if that fails, end those that were made and destroy the node.
@@ -333,9 +317,6 @@ def complete_or_gone(node: Node) -> Iterator[ExitStack]:
 
     """
     parts = ExitStack()
-    for service in node.services:
-        if 'set_parameters' in service.srv_name:
-            service.callback = partial(_answered, node, service.callback)
     try:
         yield parts
     except BaseException:

@@ -382,8 +382,7 @@ class StimulationController(DeviceOwner):
         status, unread, self._unread = self._read_back_status(since), self._unread, []
         found = status.intensity
         wrong = intensity_fault(found, expected, self.settings.intensity_tolerance)
-        # one that was silenced meanwhile is set to zero
-        if found is None or (since is not self._epoch and found <= expected):
+        if found is None or self._silenced(since, found, expected):
             return 0.0, False
         if wrong is None:
             self._use_status(status, since, None)
@@ -391,6 +390,10 @@ class StimulationController(DeviceOwner):
         self.fail('intensity', wrong)
         self._count_more(run, found, unread)
         return found, False
+
+    def _silenced(self, since: object, found: float, expected: float) -> bool:
+        """Return whether what was found is that of a device which was silenced meanwhile."""
+        return since is not self._epoch and found <= expected
 
     def _count_more(self, run: Run, found: float, unread: list[BookedPulse]) -> None:
         """Put energy on all books that pulses of an intensity that was found had besides."""
@@ -476,15 +479,15 @@ class StimulationController(DeviceOwner):
 
     def _looked_at(self, run: Run, delivery: Delivery, since: object) -> Delivery:
         """Read the intensity of a pulse back, where there is room; say what is known of it."""
+        if 'intensity' not in delivery.unverified:
+            self._unread = []
+            return delivery
         needed_ns = self._reading_back_ns
         if not run.exhausted:
             needed_ns += self._preparing_ns + self._trigger_ns
             if self._measured_ns is not None and self._clock() - self._measured_ns >= _WARM_NS:
                 needed_ns += self._reading_ns
         room = run.exhausted or self._clock() + needed_ns <= run.due_ns
-        if 'intensity' not in delivery.unverified:
-            self._unread = []
-            return delivery
         if not room or since is not self._epoch:
             return delivery
         try:
@@ -588,10 +591,7 @@ class StimulationController(DeviceOwner):
         tolerance = self.settings.intensity_tolerance
         wrong = intensity_fault(delivery.intensity, fired.intensity, tolerance)
         limit_s = self.settings.response_limit_s
-        # one that was silenced meanwhile is set to zero
-        if since is not self._epoch and delivery.intensity <= fired.intensity:
-            return
-        if wrong is not None:
+        if wrong is not None and not self._silenced(since, delivery.intensity, fired.intensity):
             energy_j = self.limits.energy_j(fired.intensity)
             this = BookedPulse(delivery.time_ns, fired.intensity, energy_j)
             self.fail('intensity', wrong)

@@ -80,8 +80,8 @@ def from_file(path: Path, what: str, build: Callable[[object], Built]) -> Built:
             # a character has at most four bytes; more is refused unread
             text = file.read(4 * LARGEST_DOCUMENT + 1).decode('utf-8')
     except UnicodeDecodeError as fault:
-        text = f'expected a readable {what}, got {path}: no text in UTF-8 at byte {fault.start}'
-        raise StimulationError(text) from fault
+        said = f'expected a readable {what}, got {path}: no text in UTF-8 at byte {fault.start}'
+        raise StimulationError(said) from fault
     except (OSError, ValueError) as fault:
         raise StimulationError(f'expected a readable {what}, got {path}: {fault}') from fault
     try:
