@@ -29,7 +29,7 @@ from std_srvs.srv import Trigger
 
 from rpms_msgs.msg import MuscleEstimate, Pulse as PulseMessage
 from rpms_ros import estimate_messages, messages
-from rpms_ros.axis import FORCE, UNITS, unit_vector
+from rpms_ros.axis import UNITS, unit_vector
 from rpms_ros.errors import AxisError, IdentificationError, NodeError, RpmsError
 from rpms_ros.identification import (
     DEFAULT_RATE,
@@ -56,7 +56,7 @@ from rpms_ros.nodes.common.diagnostics import (
     logger_of,
     plain_text,
 )
-from rpms_ros.nodes.common.parameters import NodeParameters, declare_parameters, parameter
+from rpms_ros.nodes.common.parameters import NodeParameters, declare_parameters, parameter, sensed
 from rpms_ros.nodes.common.runner import NodeOfParts, every, run
 from rpms_ros.nodes.common.subscriptions import QueuedTopic, Taken
 from rpms_ros.nodes.common.topics import MESSAGE_TYPES
@@ -91,10 +91,8 @@ class IdentifierParameters(NodeParameters):
         'Axis of the wrench along which the muscle pulls: x, y, z, -x, -y, -z or 0.6,0,0.8.',
         true_is='y',
     )
-    quantity: str = parameter(
-        FORCE,
-        'What the sensor measures: a force, or a torque as an isometric dynamometer does.',
-        choices=tuple(UNITS),
+    quantity: str = sensed(
+        'What the sensor measures: a force, or a torque as an isometric dynamometer does.'
     )
     reorder_delay: float = parameter(
         _STREAM.reorder_delay,
@@ -154,12 +152,9 @@ def stream_settings(settings: IdentifierParameters) -> StreamSettings:
 def build_estimator(settings: IdentifierParameters) -> Estimator:
     """Return a new estimator."""
     path = settings.temporal_summation
+    history = TemporalSummation.of_file(Path(path).expanduser()) if path else None
     estimator = estimator_by_name(
-        settings.estimator,
-        settings.preset,
-        0,
-        settings.repetition_rate,
-        TemporalSummation.of_file(Path(path).expanduser()) if path else None,
+        settings.estimator, settings.preset, 0, settings.repetition_rate, history
     )
     if settings.start_from:
         warm_start(estimator, Path(settings.start_from).expanduser(), UNITS[settings.quantity])

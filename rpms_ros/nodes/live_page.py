@@ -44,7 +44,7 @@ from rpms_ros.live.topic_health import Publisher, Topic
 from rpms_ros.nodes.common import qos, topics
 from rpms_ros.nodes.common.diagnostics import PERIOD_S, logger_of
 from rpms_ros.nodes.common.operator import ButtonPublisher
-from rpms_ros.nodes.common.parameters import NodeParameters, declare_parameters, parameter
+from rpms_ros.nodes.common.parameters import NodeParameters, declare_parameters, parameter, sensed
 from rpms_ros.nodes.common.runner import NodeOfParts, every, run
 from rpms_ros.nodes.common.subscriptions import drained, queued_subscription
 
@@ -270,9 +270,7 @@ class LivePageParameters(NodeParameters):
     axis: str = parameter(
         'z', 'Axis along which the muscle pulls: x, y, z, -x, -y, -z or 0.6,0,0.8.', true_is='y'
     )
-    quantity: str = parameter(
-        FORCE, 'What the sensor measures: a force, or a torque.', choices=tuple(UNITS)
-    )
+    quantity: str = sensed('What the sensor measures: a force, or a torque.')
 
 
 class LivePage(NodeOfParts):
@@ -309,14 +307,9 @@ class LivePage(NodeOfParts):
             key: Topic(self.resolve_topic_name(name), topics.type_name_of(kind), silence)
             for key, (name, kind, silence) in TYPES.items()
         }
-        self.session = LiveSession(
-            self.get_namespace(),
-            heard,
-            bool(token),
-            UNITS[settings.quantity],
-            self.get_fully_qualified_name(),
-            _first_curve_s(),
-        )
+        namespace, own = self.get_namespace(), self.get_fully_qualified_name()
+        unit, first = UNITS[settings.quantity], _first_curve_s()
+        self.session = LiveSession(namespace, heard, bool(token), unit, own, first)
         self.stop = LiveStop(self, self._stopped, self._tell) if token else None
         self.listener = LiveListener(self, self.session, axis, settings.quantity)
         access, place = Access(token, settings.names), (settings.address, settings.port)
@@ -327,7 +320,7 @@ class LivePage(NodeOfParts):
         self._look()
         every(self, PERIOD_S, self._look)
         does = 'its stop needs the token' if token else 'it only shows'
-        logger_of(self).info(f'{self.server.url} shows {self.get_namespace()}; {does}')
+        logger_of(self).info(f'{self.server.url} shows {namespace}; {does}')
 
     def _look(self) -> None:
         """Look at the graph, and at the server, once a second."""

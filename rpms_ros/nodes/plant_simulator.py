@@ -15,14 +15,14 @@ from geometry_msgs.msg import WrenchStamped
 
 from rpms_msgs.msg import MuscleTruth, Pulse as PulseMessage
 from rpms_ros import estimate_messages, messages
-from rpms_ros.axis import FORCE, UNITS
+from rpms_ros.axis import UNITS
 from rpms_ros.errors import LARGEST_SEED, MuscleError, NodeError
 from rpms_ros.muscle import SUBJECTS, Contraction, subject_by_name
 from rpms_ros.muscle.scenario import Scenario, load_scenario
 from rpms_ros.muscle.simulation import SampledPlant, Surroundings
 from rpms_ros.nodes.common import qos, topics
 from rpms_ros.nodes.common.diagnostics import logger_of
-from rpms_ros.nodes.common.parameters import NodeParameters, declare_parameters, parameter
+from rpms_ros.nodes.common.parameters import NodeParameters, declare_parameters, parameter, sensed
 from rpms_ros.nodes.common.runner import NodeOfParts, every, run
 from rpms_ros.nodes.common.topics import MESSAGE_TYPES
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, Pulse, nanoseconds
@@ -49,9 +49,7 @@ class PlantParameters(NodeParameters):
     axis: str = parameter(
         'z', 'Axis of the wrench.', choices=('x', 'y', 'z', '-x', '-y', '-z'), true_is='y'
     )
-    quantity: str = parameter(
-        FORCE, 'What is measured; with torque every N here is N m.', choices=tuple(UNITS)
-    )
+    quantity: str = sensed('What is measured; with torque every N here is N m.')
     publication_delay: float = parameter(
         0.01, 'From stamp to publication: pulses come first.', unit='s', bounds=(0.0, 1.0)
     )
@@ -84,12 +82,9 @@ def scenario_of(settings: PlantParameters) -> Scenario:
 
 def build_plant(settings: PlantParameters) -> SampledPlant:
     """Return the plant that the parameters describe."""
-    scenario = scenario_of(settings)
-    return SampledPlant(
-        Contraction(subject_by_name(settings.subject, settings.seed), settings=scenario.living),
-        Surroundings(scenario, settings.seed),
-        settings.rate,
-    )
+    scenario, subject = scenario_of(settings), subject_by_name(settings.subject, settings.seed)
+    muscle = Contraction(subject, settings=scenario.living)
+    return SampledPlant(muscle, Surroundings(scenario, settings.seed), settings.rate)
 
 
 _FRAME = 'force_sensor'

@@ -260,11 +260,8 @@ class StimulatorDriver(LifecycleNode):
         if self._active:
             _, latched, reason = self.controller.status()
             self._reports.say(f'{"stopped" if latched else "disarmed"}: {reason}')
-            self._audit.note(
-                'stop' if latched else 'disarm',
-                reason=plain_text(reason),
-                **self._pulses.hash.for_the_log(),
-            )
+            kind, given = 'stop' if latched else 'disarm', self._pulses.hash.for_the_log()
+            self._audit.note(kind, reason=plain_text(reason), **given)
         self._active = False
         self.authority.release()
 

@@ -121,11 +121,8 @@ class OperatorClient:
 
     def start(self, schedule: Schedule) -> Future:
         """Send a schedule as this operator."""
-        goal = RunSchedule.Goal(
-            typed_schedule=schedule_message(schedule, MESSAGE_TYPES),
-            operator_id=self.operator,
-            token=self.token,
-        )
+        typed = schedule_message(schedule, MESSAGE_TYPES)
+        goal = RunSchedule.Goal(typed_schedule=typed, operator_id=self.operator, token=self.token)
         future: Future = self.goals.send_goal_async(goal)
         return future
 

@@ -32,6 +32,7 @@ from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from rpms_ros.axis import FORCE, UNITS
 from rpms_ros.errors import NodeError, RpmsError
 from rpms_ros.nodes.common.diagnostics import logger_of
 
@@ -82,6 +83,11 @@ def parameter(default: Any, doc: str, **more: Any) -> Any:
     A tuple may be empty if it is so by default.
     """
     return dataclasses.field(default=default, metadata={_METADATA: Description(doc, **more)})
+
+
+def sensed(doc: str) -> Any:
+    """Return the field of what a sensor measures, one of `UNITS`: a force if nobody says more."""
+    return parameter(FORCE, doc, choices=tuple(UNITS))
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ in no executor, keep them with the time of their reception.
 
 from heapq import merge
 from itertools import islice
-from operator import attrgetter
+from operator import attrgetter, itemgetter
 from typing import Any, NamedTuple
 
 from rclpy.node import Node
@@ -59,6 +59,10 @@ class Taken(NamedTuple):
     sent_ns: int
 
 
+# Of what rclpy tells about a message, in the order of `Taken`.
+_numbers_of = itemgetter('publication_sequence_number', 'received_timestamp', 'source_timestamp')
+
+
 def drained(subscription: Subscription | None) -> list[Taken]:
     """Return the waiting messages of a subscription that no executor serves; none for None."""
     if subscription is None:
@@ -66,15 +70,7 @@ def drained(subscription: Subscription | None) -> list[Taken]:
     handle = subscription.handle
     with handle:
         waiting = iter(lambda: handle.take_message(subscription.msg_type, True), None)
-        return [
-            Taken(
-                data,
-                about['publication_sequence_number'],
-                about['received_timestamp'],
-                about['source_timestamp'],
-            )
-            for data, about in islice(waiting, _MOST)
-        ]
+        return [Taken(data, *_numbers_of(about)) for data, about in islice(waiting, _MOST)]
 
 
 class QueuedTopic:

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from rpms_ros.axis import FORCE, UNITS
+from rpms_ros.axis import UNITS
 from rpms_ros.errors import NodeError, StimulationError
-from rpms_ros.nodes.common.parameters import NodeParameters, parameter
+from rpms_ros.nodes.common.parameters import NodeParameters, parameter, sensed
 from rpms_ros.stimulation.devices import registry
 from rpms_ros.stimulation.devices.registry import Device, DeviceOptions, require_device
 from rpms_ros.stimulation.driver.states import DriverSettings
@@ -59,9 +59,7 @@ class DriverParameters(NodeParameters):
     )
     force_timeout: float = parameter(0.2, 'Longest silence of a limited force.', **_SILENCE)
     force_frame: str = parameter('force_sensor', 'Frame of the force that is limited.')
-    quantity: str = parameter(
-        FORCE, 'What is measured, and limited: a force, or a torque in N m.', choices=tuple(UNITS)
-    )
+    quantity: str = sensed('What is measured, and limited: a force, or a torque in N m.')
     temperature_limit: float = parameter(
         40.0, 'Stop above this coil temperature.', unit='Celsius', bounds=(0.0, 100.0)
     )

@@ -134,11 +134,8 @@ class Taker:
             self._forget_error()
             topic = self._subscription.topic
             raise NodeError(f'expected a message of {topic}, got error {answer}')
-        return Taken(
-            ctypes.string_at(self._bytes.buffer, self._bytes.length),
-            bytes(self._information.identity),
-            int(self._information.sequence),
-        )
+        data = ctypes.string_at(self._bytes.buffer, self._bytes.length)
+        return Taken(data, bytes(self._information.identity), int(self._information.sequence))
 
     def close(self) -> None:
         """Free the memory."""
@@ -321,12 +318,8 @@ class DriverWatch:
     def _take_beat(self, taken: Taken, now_ns: int) -> None:
         try:
             message = deserialize_message(taken.data, OperatorHeartbeat)
-            beat = Beat(
-                message.token,
-                messages.nanoseconds(message.header.stamp),
-                bool(message.enable),
-                taken.identity,
-            )
+            stamp_ns = messages.nanoseconds(message.header.stamp)
+            beat = Beat(message.token, stamp_ns, bool(message.enable), taken.identity)
         except Exception as error:  # noqa: BLE001
             self._refused(f'expected a heartbeat that can be read, got {error!r}')
             return
