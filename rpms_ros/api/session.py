@@ -141,12 +141,11 @@ class Session:
         RecordingError
             If the session is not a recording on the disk (`save` writes one) or cannot be read.
         """
-        if self.recording.facts.storage not in ('mcap', 'sqlite3'):
-            raise RecordingError(
-                f'expected a session that was loaded from a recording, got one of '
-                f'{self.recording.facts.storage}; save() writes a recording'
-            )
-        return verify(self.recording.facts.path, lambda: self.recording)
+        facts = self.recording.facts
+        if facts.storage not in ('mcap', 'sqlite3'):
+            fault = 'expected a session that was loaded from a recording'
+            raise RecordingError(f'{fault}, got one of {facts.storage}; save() writes a recording')
+        return verify(facts.path, lambda: self.recording)
 
     def save(self, path: str | Path, compression: str = '') -> None:
         """Write pulses and force as a recording of mcap with checksums.
@@ -163,14 +162,9 @@ class Session:
         RecordingError
             If the folder exists or cannot be written.
         """
-        write_recording(
-            path,
-            self.pulses,
-            self.force,
-            compression=compression,
-            custom={'source': self.name},
-            quantity=self.recording.quantity,
-        )
+        what, source = (path, self.pulses, self.force), {'source': self.name}
+        quantity = self.recording.quantity
+        write_recording(*what, compression=compression, custom=source, quantity=quantity)
 
     def between(self, start: float, end: float) -> 'Session':
         """Return the part of the session from `start` to `end`, in s after its first sample.

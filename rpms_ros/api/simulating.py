@@ -103,13 +103,10 @@ def simulate(
     given = {name: value for name, value in (('noise', noise), ('drift', drift)) if value}
     happens = replace(happens, disturbances=replace(happens.disturbances, **given))
     pulses = schedule.pulses(START_NS)
-    forces, truths = simulate_session(
-        Contraction(muscle, pulse_rate_hz if named else None, happens.living),
-        Surroundings(happens, seed),
-        pulses,
-        sample_times(schedule.length_s, force_rate_hz),
-        TRUTH_RATE if scenario is not None else 0.0,
-    )
+    simulated = Contraction(muscle, pulse_rate_hz if named else None, happens.living)
+    around, truth_rate = Surroundings(happens, seed), 0.0 if scenario is None else TRUTH_RATE
+    stamp_ns = sample_times(schedule.length_s, force_rate_hz)
+    forces, truths = simulate_session(simulated, around, pulses, stamp_ns, truth_rate)
     recording = as_recording(pulses, forces, Path('simulated'), 'simulation')
     truth = of_truths(truths, muscle)
     return Session(f'simulated, {schedule.name}', recording, subject=muscle, truth=truth)

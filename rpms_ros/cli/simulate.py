@@ -100,31 +100,23 @@ def run(arguments: argparse.Namespace) -> int:
     fixed_rate = None if arguments.own_rates or from_file else rate
     pulses = schedule.pulses(simulating.START_NS)
     stamp_ns = simulating.sample_times(schedule.length_s, arguments.rate)
+    muscle = (MotorUnits if of_units else Contraction)(subject, fixed_rate, scenario.living)
+    around = Surroundings(scenario, seed)
+    truth_rate = simulating.TRUTH_RATE if arguments.scenario or of_units else 0.0
     with progress('simulating', len(stamp_ns), 'samples', arguments.quiet) as advance:
-        forces, truths = simulate_session(
-            (MotorUnits if of_units else Contraction)(subject, fixed_rate, scenario.living),
-            Surroundings(scenario, seed),
-            pulses,
-            stamp_ns,
-            simulating.TRUTH_RATE if arguments.scenario or of_units else 0.0,
-            advance,
-        )
+        forces, truths = simulate_session(muscle, around, pulses, stamp_ns, truth_rate, advance)
     each = vars(scenario.disturbances).items()
     added = {name: value for name, value in each if value != getattr(Disturbances, name)}
-    write_recording(
-        arguments.out,
-        pulses,
-        forces,
-        compression=arguments.compression,
-        custom={
-            ('motor_units' if of_units else 'subject'): json.dumps(asdict(subject)),
-            'scenario': scenario.name,
-            'disturbances': json.dumps(added),
-            'schedule': schedule.name,
-            'seed': str(seed),
-        },
-        further=(simulating.truth_topic(truths),) if truths else (),
-    )
+    notes = {
+        ('motor_units' if of_units else 'subject'): json.dumps(asdict(subject)),
+        'scenario': scenario.name,
+        'disturbances': json.dumps(added),
+        'schedule': schedule.name,
+        'seed': str(seed),
+    }
+    further = (simulating.truth_topic(truths),) if truths else ()
+    what = arguments.out, pulses, forces
+    write_recording(*what, compression=arguments.compression, custom=notes, further=further)
     counts = f'{counted(len(pulses), "pulse")}, {counted(len(forces), "sample")}'
     print(f'{arguments.out}: {counts}, {schedule.length_s:g} s')
     return 0

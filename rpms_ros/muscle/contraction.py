@@ -275,16 +275,10 @@ class Contraction:
         cells = np.arange(first_cell, int(stamps[-1]) // CELL_NS + 2, dtype=np.int64)
         at = self._elapsed(cells * CELL_NS)
         slow = self._timeline('time_constant', at) / self.subject.time_constant
-        force, used, self._reference_ns = _advance(
-            stamps,
-            (effective[order], acting[1][order], acting[2][order]),
-            first_cell,
-            np.column_stack((slow, self._timeline('gain', at))),
-            self._rates,
-            self._moments,
-            self._state,
-            self._reference_ns,
-        )
+        scripted = np.column_stack((slow, self._timeline('gain', at)))
+        pulses = effective[order], acting[1][order], acting[2][order]
+        muscle = self._rates, self._moments, self._state, self._reference_ns
+        force, used, self._reference_ns = _advance(stamps, pulses, first_cell, scripted, *muscle)
         self._drop(order[:used])
         return self._peak * force
 

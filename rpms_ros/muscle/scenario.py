@@ -157,9 +157,7 @@ class Tremor:
 Effort = VoluntaryEffort | Spasm | Tremor | Bump
 """One kind of force that the stimulation does not cause."""
 
-EFFORTS: dict[str, type[Effort]] = {
-    effort.kind: effort for effort in (VoluntaryEffort, Spasm, Tremor, Bump)
-}
+EFFORTS: dict[str, type[Effort]] = {effort.kind: effort for effort in typing.get_args(Effort)}
 """Kinds of effort by their names in a scenario."""
 
 

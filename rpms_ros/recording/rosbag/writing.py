@@ -311,16 +311,13 @@ def _merged(topics: Mapping[int, Records]) -> Batch:
     topic that comes first in `topics` is first: give pulses before forces.
     """
     parts = list(topics.values())
-    shift = np.cumsum([0, *(len(part.buffer) for part in parts)])
+    counts, sizes = [len(part) for part in parts], [len(part.buffer) for part in parts]
+    shift = np.repeat(np.cumsum([0, *sizes[:-1]]), counts)
     order = _order_of_reception([part.time_ns for part in parts])
-    whole = Records(
-        np.concatenate([part.buffer for part in parts]),
-        np.concatenate([part.start + offset for part, offset in zip(parts, shift, strict=False)]),
-        np.concatenate([part.end + offset for part, offset in zip(parts, shift, strict=False)]),
-        np.concatenate([part.time_ns for part in parts]),
-    )
-    number = np.repeat(list(topics), [len(part) for part in parts])
-    return number[order], whole.select(order)
+    columns = zip(*((one.buffer, one.start, one.end, one.time_ns) for one in parts), strict=True)
+    buffer, start, end, time_ns = map(np.concatenate, columns)
+    whole = Records(buffer, start + shift, end + shift, time_ns)
+    return np.repeat(list(topics), counts)[order], whole.select(order)
 
 
 def _order_of_reception(times_ns: Sequence[IntArray]) -> IntArray:
