@@ -103,10 +103,9 @@ def run_protocol(arguments: argparse.Namespace) -> int:
         fault = f'expected a file to write, got {arguments.out}: {error}'
         raise StimulationError(fault) from error
     plan = schedule.plan
-    print(
-        f'{arguments.out}: {counted(len(plan), "pulse")} in {plan.duration_s:g} s, '
-        f'at most {plan.highest_rate_hz:.4g} Hz and intensity {plan.intensity.max(initial=0):.3g}'
-    )
+    most = f'{plan.highest_rate_hz:.4g} Hz and intensity {plan.intensity.max(initial=0):.3g}'
+    pulses = f'{counted(len(plan), "pulse")} in {plan.duration_s:g} s'
+    print(f'{arguments.out}: {pulses}, at most {most}')
     return 0
 
 
@@ -167,11 +166,9 @@ def report(
     yield f'  mean power   {ahead.mean_power_w:,.0f} W, {continuous:g} W can go on for ever'
     yield f'  waits        {_waits(ahead.waits_s)}'
     if ahead.highest_temperature is not None and specification.thermal is not None:
-        yield (
-            f'  temperature  {ahead.highest_temperature:.1f} Celsius at most, '
-            f'cut-out {specification.thermal.cutout:g} '
-            f'(model, started at {specification.thermal.ambient:g})'
-        )
+        cutout, ambient = specification.thermal.cutout, specification.thermal.ambient
+        model = f'cut-out {cutout:g} (model, started at {ambient:g})'
+        yield f'  temperature  {ahead.highest_temperature:.1f} Celsius at most, {model}'
     if patient is not None:
         dose, above = patient.dose, schedule.plan.intensity > patient.motor_threshold
         given = f'{ahead.pulses} of {dose.pulses} pulses'

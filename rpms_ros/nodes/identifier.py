@@ -287,10 +287,9 @@ class Identifier(NodeOfParts):
             self.create_service(Trigger, f'~/{name}', self._answering(act))
         every(self, _LOOK_PERIOD, self._process)
         every(self, PERIOD_S, self._report)
-        logger_of(self).info(
-            f'identifying with {self.stream.estimator.name}: {quantity} [{self._unit}] '
-            f'on {force} along {self.settings.axis}; pulses on {pulses}'
-        )
+        what = f'{quantity} [{self._unit}] on {force} along {self.settings.axis}'
+        by = self.stream.estimator.name
+        logger_of(self).info(f'identifying with {by}: {what}; pulses on {pulses}')
 
     def _reset(self) -> str:
         """Forget everything and start again, as after a change of the electrode or the coil."""

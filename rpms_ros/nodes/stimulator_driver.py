@@ -64,10 +64,8 @@ _LABELS: dict[int, str] = {
 def _refusal(possible: Collection[str], asked: str) -> str:
     """Return why the state does not allow a transition."""
     if not possible:
-        return (
-            f'expected a node that is not shut down, got {asked}: no transition is possible any '
-            'more, start it again'
-        )
+        fault = f'expected a node that is not shut down, got {asked}'
+        return f'{fault}: no transition is possible any more, start it again'
     return f'expected a transition of {", ".join(sorted(possible))}, got {asked}'
 
 

@@ -53,10 +53,8 @@ class Judgement:
             f'{100 * self.error_at_the_end:.2g} % of its maximum from the true one at the end'
         )
         if self.worst_at_s > 0.0:
-            text += (
-                f', and at most {100 * self.worst_error:.2g} % at any time from '
-                f'{self.since_s:.0f} s on (at {self.worst_at_s:.0f} s)'
-            )
+            since = f'from {self.since_s:.0f} s on (at {self.worst_at_s:.0f} s)'
+            text += f', and at most {100 * self.worst_error:.2g} % at any time {since}'
         return f'{text}.'
 
 

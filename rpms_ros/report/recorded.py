@@ -269,11 +269,9 @@ class Agreement:
     def __str__(self) -> str:
         if self.exact:
             return f'all {self.compared} estimates, bit for bit'
+        counts = f'{self.missing} estimates missing, {self.compared} compared'
         fields = ', '.join(f'{name} {count}' for name, count in self.differing.items())
-        return (
-            f'DIFFERS: {self.missing} estimates missing, {self.compared} compared, '
-            f'differing fields {fields or "none"}'
-        )
+        return f'DIFFERS: {counts}, differing fields {fields or "none"}'
 
 
 def compare(live: Sequence[Estimate], replayed: Sequence[Estimate]) -> Agreement:

@@ -512,7 +512,5 @@ def _output_error(result: IdentificationResult) -> str:
         return 'unknown: no usable sample was predicted before it was learnt'
     share = f'{100 * of_range:.3g} % of the range of the {what}'
     share = share if np.isfinite(of_range) else f'no {what}'
-    return (
-        f'{result.output_error_n:.3g} {result.unit}, {share} (root mean square after settling, '
-        'each sample predicted before it was learnt)'
-    )
+    how = 'root mean square after settling, each sample predicted before it was learnt'
+    return f'{result.output_error_n:.3g} {result.unit}, {share} ({how})'

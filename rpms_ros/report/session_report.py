@@ -99,10 +99,9 @@ def _effort(course: Course, force: FloatArray, unit: str) -> str | None:
     if not sure.any():
         return None
     largest = int(np.argmax(np.where(sure, path.value, -np.inf)))
-    return (
-        f'Up to {path.value[largest]:.3g} {unit} came from something else than the stimulation '
-        f'(voluntary effort, spasm or a knock), most at {course.time_s[largest]:.0f} s.'
-    )
+    most, when = f'{path.value[largest]:.3g} {unit}', f'{course.time_s[largest]:.0f} s'
+    other = 'something else than the stimulation (voluntary effort, spasm or a knock)'
+    return f'Up to {most} came from {other}, most at {when}.'
 
 
 def _next_steps(result: IdentificationResult) -> list[str]:
@@ -272,33 +271,25 @@ def _sentence(result: IdentificationResult, dose: Dose) -> str:
     if found is not None:
         identified, by = 'Dynamics', found.model
     counts = f'{counted(result.pulses, "pulse")} and {counted(result.samples, "sample")}'
-    text = (
-        f'{identified} were identified with rpms_ros {__version__} ({by}) from {counts} of '
-        f'isometric {what} over {result.duration_s:.4g} s'
-    )
+    data = f'{counts} of isometric {what} over {result.duration_s:.4g} s'
+    text = f'{identified} were identified with rpms_ros {__version__} ({by}) from {data}'
     if dose.rate_hz and dose.intensity:
         low, high = (100 * dose.intensity[end] for end in ('lowest', 'highest'))
-        text += (
-            f' at {dose.rate_hz["median"]:.4g} Hz and intensities of {low:.3g} to {high:.3g} % of '
-            'the maximum'
-        )
+        shares = f'intensities of {low:.3g} to {high:.3g} % of the maximum'
+        text += f' at {dose.rate_hz["median"]:.4g} Hz and {shares}'
     if found is not None:
-        return (
-            f'{text}. The {found.model} fits {found.fit_percent:.1f} % '
-            f'(100 (1 - |residual| / |force - mean|)) of {counted(found.trains, "train")} at '
-            'their own rate.'
-        )
+        fit = f'{found.fit_percent:.1f} % (100 (1 - |residual| / |force - mean|))'
+        trains = f'{counted(found.trains, "train")} at their own rate'
+        return f'{text}. The {found.model} fits {fit} of {trains}.'
     if result.curve is not None:
         text += f'; the recruitment curve is stated for {result.rate_hz:g} Hz'
     if result.confidence:
         text += f' with intervals of {100 * result.confidence:g} %'
     if not np.isfinite(result.output_error_n):
         return f'{text}. No sample was predicted before it was learnt.'
-    return (
-        f'{text}. The root mean square of measured minus predicted {what} was '
-        f'{result.output_error_n:.2g} {result.unit} ({100 * result.output_error_of_range:.2g} % '
-        f'of the range of the {what}).'
-    )
+    share = f'{100 * result.output_error_of_range:.2g} % of the range of the {what}'
+    error = f'{result.output_error_n:.2g} {result.unit} ({share})'
+    return f'{text}. The root mean square of measured minus predicted {what} was {error}.'
 
 
 def _twitch(result: IdentificationResult) -> dict[str, float | str | None]:

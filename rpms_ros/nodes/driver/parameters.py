@@ -194,10 +194,9 @@ def ledger_of(settings: DriverParameters, session: Session) -> MemoryLedger:
     folder = Path(settings.ledger_folder).expanduser()
     device = settings.device if settings.simulated else specification.serial_number
     if not device:
-        raise StimulationError(
-            'expected serial_number in the device specification of a real device, got none in '
-            f'{specification.name!r}: state it in a file of your own'
-        )
+        fault = 'expected serial_number in the device specification of a real device'
+        own = 'state it in a file of your own'
+        raise StimulationError(f'{fault}, got none in {specification.name!r}: {own}')
     return DoseLedger(folder, device, patient.identifier, patient.dose)
 
 

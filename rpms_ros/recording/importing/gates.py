@@ -96,11 +96,10 @@ def gate_pulses(stamp_ns: IntArray, gate: FloatArray, options: ImportOptions) ->
     period = float(np.median(np.diff(stamp_ns))) / NANOSECONDS_PER_SECOND
     longest = max(begun_for, float(width.max()))
     if options.edge is None and longest > max(_LONGEST, 1.5 * period):
-        raise RecordingError(
-            f'expected a gate that marks each pulse, for at most {_LONGEST:g} s, got one of '
-            f'{longest:.3g} s: does it mark whole trains? --pulse COL decides; --edge takes each '
-            'edge for a pulse all the same'
-        )
+        fault = f'expected a gate that marks each pulse, for at most {_LONGEST:g} s'
+        how = '--pulse COL decides; --edge takes each edge for a pulse all the same'
+        got = f'one of {longest:.3g} s: does it mark whole trains?'
+        raise RecordingError(f'{fault}, got {got} {how}')
     first = int(begun > 0 and begun_for <= _LONGEST)
     return PulseTrain.numbered(onset, options.share, width, first)
 
@@ -168,11 +167,9 @@ def gate_told(path: Path, signal: Signal, options: ImportOptions) -> str:
         )
     if options.threshold is None and (half_way := _half_way(signal.values)):
         lowest, highest = float(signal.values.min()), float(signal.values.max())
-        raise Ambiguous(
-            f'expected a gate with two levels in {path}, got {signal.name!r}, '
-            f'{100 * half_way:.0f} % of it half-way between {lowest:.3g} and {highest:.3g}: '
-            '--threshold LEVEL or --pulse COL decides'
-        )
+        noise = f'{100 * half_way:.0f} % of it half-way between {lowest:.3g} and {highest:.3g}'
+        fault = f'expected a gate with two levels in {path}, got {signal.name!r}, {noise}'
+        raise Ambiguous(f'{fault}: --threshold LEVEL or --pulse COL decides')
     if options.edge is not None:
         return f'{signal.name!r}, {edge} edges (--edge)'
     if edge == FALLING:
@@ -255,17 +252,14 @@ def _half_way(values: FloatArray) -> float:
 def odd_gate(pulses: PulseTrain, period: float) -> str | None:
     """Return a warning if pulses, sampled with a period [s], are closer or longer than usual."""
     if (longest := float(pulses.width.max())) > max(_USUAL, 1.5 * period):
-        return (
-            f'the gate is up for {1e3 * longest:.3g} ms at a pulse: does it mark trains? Each '
-            'edge was taken for one pulse'
-        )
+        seen = f'the gate is up for {1e3 * longest:.3g} ms at a pulse'
+        return f'{seen}: does it mark trains? Each edge was taken for one pulse'
     early = int(np.count_nonzero(np.diff(pulses.onset_ns) < 1e9 * _BOUNCE))
     if not early:
         return None
-    return (
-        f'{early} of {len(pulses)} pulses begin less than {1e3 * _BOUNCE:g} ms after the one '
-        'before: does the trigger bounce? Each was taken for a pulse of its own'
-    )
+    late = f'less than {1e3 * _BOUNCE:g} ms after the one before'
+    seen = f'{early} of {len(pulses)} pulses begin {late}'
+    return f'{seen}: does the trigger bounce? Each was taken for a pulse of its own'
 
 
 _NUMBERS = re.compile(r'idx|ind(?:ex|ices)|sample|frame', re.IGNORECASE)
@@ -346,11 +340,9 @@ def list_unit(
         return possible[0], 'all within the force then (--pulse-unit decides)'
     lowest, highest = float(signal.values[0]), float(signal.values[-1])
     units = ' or '.join(possible[:2]) or 'no unit'
-    raise Ambiguous(
-        f'expected times of pulses from {begin:g} to {end:g} s, as those of the force, got '
-        f'{signal.name!r} from {lowest:g} to {highest:g}, in {units}: '
-        '--pulse-unit decides'
-    )
+    fault = f'expected times of pulses from {begin:g} to {end:g} s, as those of the force'
+    got = f'{signal.name!r} from {lowest:g} to {highest:g}, in {units}'
+    raise Ambiguous(f'{fault}, got {got}: --pulse-unit decides')
 
 
 def described(signal: Signal, unit: str, why: str) -> str:
@@ -370,10 +362,8 @@ def stamps_of_numbers(signal: Signal, stamp_ns: IntArray) -> IntArray:
         If a number is not whole, or there is no such sample.
     """
     if not _are_numbers(signal.values, len(stamp_ns)):
-        raise RecordingError(
-            f"expected numbers of the force's {len(stamp_ns)} samples in {signal.name!r}, got "
-            f'{signal.values[0]:g} to {signal.values[-1]:g}'
-        )
+        fault = f"expected numbers of the force's {len(stamp_ns)} samples in {signal.name!r}"
+        raise RecordingError(f'{fault}, got {signal.values[0]:g} to {signal.values[-1]:g}')
     return stamp_ns[np.rint(signal.values).astype(np.int64) - _first(signal.values)]
 
 

@@ -190,10 +190,8 @@ def _counts(signal: Signal) -> bool:
 
 
 def _no_times(name: str) -> RecordingError:
-    return RecordingError(
-        f'expected times or the rate of the samples, got {name!r}, which counts them: '
-        '--sampling-rate HZ decides, or --time COL with --time-unit'
-    )
+    fault = f'expected times or the rate of the samples, got {name!r}, which counts them'
+    return RecordingError(f'{fault}: --sampling-rate HZ decides, or --time COL with --time-unit')
 
 
 def _why_none(file: SignalFile) -> str:
@@ -202,10 +200,8 @@ def _why_none(file: SignalFile) -> str:
         late = np.flatnonzero(~(np.diff(one.values) > 0.0))
         if _TIME.search(one.name) and late.size:
             place = int(late[0])
-            return (
-                f'{one.name!r} with {one.values[place]:.9g} and then '
-                f'{one.values[place + 1]:.9g} in row {place + 2}'
-            )
+            before, after = one.values[place : place + 2]
+            return f'{one.name!r} with {before:.9g} and then {after:.9g} in row {place + 2}'
     return 'none'
 
 

@@ -233,7 +233,5 @@ def needed(package: str, what: str) -> Any:
     try:
         return import_module(package)
     except ModuleNotFoundError as error:
-        raise RecordingError(
-            f'expected {package} for {what}, got {error}: '
-            "python3 -m pip install 'rpms_ros[formats]' installs it"
-        ) from error
+        remedy = "python3 -m pip install 'rpms_ros[formats]' installs it"
+        raise RecordingError(f'expected {package} for {what}, got {error}: {remedy}') from error

@@ -193,11 +193,9 @@ def _refuse_decimal_commas(path: Path, titles: list[str], sample: list[list[str]
         for row in sample
         for cell in row[place::2]
     ):
-        raise RecordingError(
-            f'expected a cell for each title of {path}, got {count} titles, {width} cells a row: '
-            'comma as decimal mark and as separator? Export it with semicolons or tabs between '
-            'the cells, or with decimal points'
-        )
+        got = f'{count} titles, {width} cells a row: comma as decimal mark and as separator?'
+        how = 'Export it with semicolons or tabs between the cells, or with decimal points'
+        raise RecordingError(f'expected a cell for each title of {path}, got {got} {how}')
 
 
 def _has_point(cell: str) -> bool:

@@ -387,10 +387,8 @@ def read_signals(path: Path, block: int | None = None, sheet: str | None = None)
     elif sheet is not None:
         raise RecordingError(f'expected a workbook with --sheet, got {path}')
     elif _HDF5 in head:
-        raise RecordingError(
-            f"expected a MATLAB file up to version 7, as save(..., '-v7') writes it, got 7.3 in "
-            f'{path}'
-        )
+        fault = "expected a MATLAB file up to version 7, as save(..., '-v7') writes it"
+        raise RecordingError(f'{fault}, got 7.3 in {path}')
     elif head.startswith(_XDF):
         known = read_xdf
     elif head.startswith(_MATLAB) or path.suffix.lower() == '.mat':

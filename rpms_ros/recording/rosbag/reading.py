@@ -216,10 +216,8 @@ class Recording:
         if not len(gaps):
             return 'the recording is damaged: force may be missing at its beginning or end'
         share = 100.0 * float(gaps.sum()) / max(float(steps.sum()), 1.0)
-        return (
-            f'the recording is damaged: {share:.2g} % of the time between first and last sample '
-            f'has no force, up to {gaps.max(initial=0) * 1e-9:.3g} s at once'
-        )
+        lost = f'{share:.2g} % of the time between first and last sample has no force'
+        return f'the recording is damaged: {lost}, up to {gaps.max() * 1e-9:.3g} s at once'
 
 
 def read_facts(

@@ -232,10 +232,8 @@ class Budget:
 
     def exceeded(self, found: str) -> RecordingError:
         """Return the error for what does not fit."""
-        return RecordingError(
-            f'expected a recording that can be read within {self.memory / 1e9:.3g} GB '
-            f'(--max-memory allows more), got {found}'
-        )
+        fault = f'expected a recording that can be read within {self.memory / 1e9:.3g} GB'
+        return RecordingError(f'{fault} (--max-memory allows more), got {found}')
 
 
 class StorageFile(ABC):

@@ -89,11 +89,9 @@ class Decoder:
         missing = [path for path in wanted if self._kinds.get(path) is None]
         missing += [string] if string and string not in plain else []
         if missing:
-            raise RecordingError(
-                f'expected fields {", ".join(missing)} in the definition of '
-                f'{channel.type_name} on topic {channel.topic}, '
-                f'got {", ".join(one.path for one in self._fields)}'
-            )
+            where = f'the definition of {channel.type_name} on topic {channel.topic}'
+            fault = f'expected fields {", ".join(missing)} in {where}'
+            raise RecordingError(f'{fault}, got {", ".join(one.path for one in self._fields)}')
 
     def decode(self, records: Records) -> Columns:
         """Return the wanted numbers of every message."""
