@@ -219,6 +219,12 @@ def test_a_curve_that_is_wide_anywhere_is_not_good(trial, fitted):
     verdict = verdict_of(replace(fitted, estimates=[*fitted.estimates[:-1], wide]), *trial)
     assert verdict.grade == 'doubtful'
     assert re.search(r'the force at intensity 0\.\d+ is known only as', verdict.line)
+    wide = replace(last, response_upper=last.response_upper + 0.6 * last.response_force.max())
+    verdict = verdict_of(replace(fitted, estimates=[*fitted.estimates[:-1], wide]), *trial)
+    assert verdict.grade == 'doubtful'
+    assert re.search(
+        r'the force 0\.\d+ s after a pulse of full intensity is known only as', verdict.line
+    )
 
 
 def test_time_in_another_unit_is_not_good(trial):

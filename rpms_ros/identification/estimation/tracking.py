@@ -819,7 +819,7 @@ class TrackingEstimator(ProjectionEstimator):
             self._raw = self._raw.without(self._tremor.frequency, rest)
             self._change_basis(self._basis)
         choice = self._choice()
-        found = choice.richer(choice.better(search is Search.EVERYWHERE))
+        found = choice.richer(choice.finer(choice.better(search is Search.EVERYWHERE)))
         explained = choice.explained(found)
         quieter = explained.fit.scales.lively < LIVELY <= fit.scales.lively
         freed = explained.fit.inflation < _ALIKE * fit.colour < fit.inflation

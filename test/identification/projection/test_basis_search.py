@@ -83,6 +83,19 @@ def test_a_response_that_begins_with_a_corner_has_its_latency(living_sessions):
     assert what.curve_error(found) < 0.005
 
 
+@pytest.mark.parametrize(('muscle', 'person'), [('gauss', 1), ('second', 0)])
+def test_a_response_that_a_slow_sinusoid_does_not_tell_is_within_its_interval(
+    league, muscle, person
+):
+    """Many bases are nearly as likely: it was wrong by 5 and 11 %, outside and good."""
+    arrays, _ = league.session(muscle, 'sinusoid', person, 30.0)
+    last = rpms_ros.from_arrays(*arrays).identify('tracking', rate_hz=league.RATE).estimates.last
+    truth = np.interp(last.response_time, *league.response(muscle, person))
+    held = (last.response_lower <= truth) & (truth <= last.response_upper)
+    assert held.mean() > 0.9
+    assert np.abs(last.response_force - truth).max() < 0.06 * truth.max()
+
+
 def test_a_sensor_with_a_filter_has_a_response_of_more_functions(league):
     """Seven miss .1 to .3 % of it: where all pulses recruit, the curve was wrong by .4 to 3 %.
 
