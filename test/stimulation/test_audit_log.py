@@ -4,6 +4,7 @@
 
 import itertools
 import json
+import os
 from contextlib import closing
 
 import pytest
@@ -86,6 +87,20 @@ def test_a_line_cut_off_by_a_kill_is_marked_and_the_log_goes_on(path, cut):
     data[len(whole) - cut - 5] ^= 1
     path.write_bytes(data)
     assert verify_log(path).line == 4
+
+
+def test_on_a_full_disk_nothing_is_written_behind_a_line_cut_off(path, monkeypatch):
+    """The end of the line was, without what explains it: no later opener took the file."""
+    filled(path)
+    path.write_bytes(cut := path.read_bytes()[:-10])
+    with monkeypatch.context() as patch:
+        full = os.statvfs_result((4096, 4096, 1000, 10, 10, 0, 0, 0, 0, 255))
+        patch.setattr('rpms_ros.stimulation.records.append_only.os.fstatvfs', lambda _: full)
+        with pytest.raises(StimulationError, match='a disk with less than 1000000 bytes left'):
+            ChainedFile(path, AUDIT_LOG)
+    assert path.read_bytes() == cut
+    filled(path, 1)
+    assert not verify_log(path).fault
 
 
 def test_a_first_line_cut_off_begins_again(path):

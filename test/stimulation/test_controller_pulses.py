@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pulses on time, each held against everything at its own time, and what is left."""
 
+from functools import partial
 from itertools import pairwise
 
 import pytest
@@ -178,11 +179,25 @@ def test_bound_on_the_intensity_can_be_lowered_while_running(running):
 
 def test_pulse_that_is_not_reserved_is_not_fired(virtual):
     driver = virtual().started()
-    # the ledger's thread has stopped writing
-    driver.controller.reserve = lambda: None
+    # the ledger's thread writes no more
+    driver.controller.reserve = partial(driver.controller.seen, 'ledger')
     driver.advance(2.0)
     assert len(driver.device.commands) == 21
     assert driver.controller.fault_counts()['ledger'] == driver.run.dropped > 10
+
+
+def test_a_disk_that_hangs_stops_a_train(virtual):
+    """It went on by itself when the disk did, after any time."""
+    driver = virtual().started()
+    reserve, driver.controller.reserve = driver.controller.reserve, lambda: None
+    driver.advance(1.5)
+    assert 10 < len(driver.device.commands) <= 21
+    assert driver.controller.state is State.DISARMED
+    assert 'ledger: expected a sign of life within 1 s, got none for' in driver.run.ended
+    driver.controller.reserve = reserve
+    given = len(driver.device.commands)
+    driver.advance(2.0)
+    assert len(driver.device.commands) == given
 
 
 def test_armed_device_is_kept_alive(driver_in):

@@ -172,6 +172,20 @@ def test_ledger_that_cannot_be_written_is_a_fault_and_not_asked_again_for_the_sa
     assert len(driver.device.commands) <= 21
 
 
+def test_without_a_ledger_nothing_is_armed(virtual, tmp_path):
+    clocks = Clocks(lambda: SECOND, lambda: SECOND)
+    with closing(DoseLedger(tmp_path, 'device', 'patient', clocks=clocks)) as ledger:
+        driver = virtual(ledger=ledger)
+        driver.controller.configure()
+        (tmp_path / 'patient-patient.ledger').rename(tmp_path / 'away')
+        with pytest.raises(LedgerError, match='expected a writable'):
+            driver.controller.arm()
+        (tmp_path / 'away').rename(tmp_path / 'patient-patient.ledger')
+        with pytest.raises(LedgerError, match=r'a working ledger, got .*: start the driver anew'):
+            driver.controller.arm()
+        assert driver.controller.state is not State.ARMED
+
+
 def test_a_ledger_that_is_removed_in_a_train_is_a_fault_and_ends_it(virtual, tmp_path):
     clocks = Clocks(lambda: SECOND, lambda: SECOND)
     with closing(DoseLedger(tmp_path, 'device', 'patient', clocks=clocks)) as ledger:

@@ -2,9 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The dose ledger: what was reserved counts, whatever happens to process, clock, file and disk."""
 
+import dataclasses
+import itertools
 import os
 import resource
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 
 import pytest
 
@@ -233,6 +235,28 @@ def test_across_boots_the_wall_clock_may_only_add_to_what_is_certain(
     # an hour of this boot is certain, whatever the wall clock says
     machine.boot = machine.monotonic = 3601 * SECOND
     assert opened().totals().pulses == 0
+
+
+def test_a_wall_clock_that_was_set_later_tells_when_pulses_were(machine, opened):
+    """A day behind until the network was there: after a restart the pulses were a day old."""
+    ledger = opened()
+    for number in ledger.reserve(planned(machine, 5)):
+        ledger.take(number)
+    machine.wait(10.0)
+    machine.wall += 24 * HOUR
+    ledger.close()
+    machine.restart(600.0)
+    assert opened().totals().pulses == 5
+
+
+def test_reading_the_ledgers_makes_no_pulse_older(machine, left, tmp_path):
+    left(1)
+    fired = machine.boot
+    readings = itertools.count(fired, SECOND)
+    clocks = dataclasses.replace(machine.clocks, boot_ns=lambda: next(readings))
+    with closing(DoseLedger(tmp_path, 'coil-1', 'P01', LIMITS, clocks)) as ledger:
+        (pulse,) = ledger.history(0)
+        assert 0 < -pulse.time_ns <= next(readings) - fired
 
 
 def test_a_record_cut_off_counts_as_far_as_it_can_be_read(opened, left, tmp_path):

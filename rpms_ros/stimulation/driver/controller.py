@@ -73,8 +73,9 @@ _INTENSITY = 'intensity_reading'
 _READING_LIMIT_NS = 4 * NANOSECONDS_PER_SECOND
 # From this age on a reading of the temperature comes before one of the intensity.
 _WARM_NS = 2 * NANOSECONDS_PER_SECOND
-# How often pulses are put into the dose ledger.
-_RESERVE_NS = 100_000_000
+# How often pulses are put into the dose ledger, and the longest silence of the thread that does it.
+_RESERVE_NS, _RESERVE_LIMIT_S = 100_000_000, 1.0
+_LEDGER = 'ledger'
 # Longer than a schedule can be.
 _NEVER_S = 1e6
 # How much a device's own clock may be before the driver's [s].
@@ -134,6 +135,7 @@ class StimulationController(DeviceOwner):
         self.confirmed = PulseLimiter(self.limits)
         for books in (self.limiter, self.confirmed):
             books.book_history(history)
+        self.interlocks.require(_LEDGER, _RESERVE_LIMIT_S, hold_s=_RESERVE_LIMIT_S)
         self.lateness = Lateness()
         self.on_fired: Callable[[Fired], object] = bool
         self.commanded = self.delivered = self.unverified = self.dropped = 0
@@ -216,6 +218,7 @@ class StimulationController(DeviceOwner):
 
         Called by a thread of its own.
         """
+        self.seen(_LEDGER)
         reservations, run = self._reservations, self.run
         if reservations is None or run is None:
             return self._clock() + _RESERVE_NS
@@ -227,7 +230,7 @@ class StimulationController(DeviceOwner):
             self.count(error.limit)
             self.cancel(str(error), 'limit')
         except LedgerError as error:
-            self.fail('ledger', str(error))
+            self.fail(_LEDGER, str(error))
             # what it does not take back counts as given
             over = True
         if over and self._reservations is reservations:
@@ -310,6 +313,7 @@ class StimulationController(DeviceOwner):
         self._hold_ns, self._held_by = 0, _LATE
 
     def _arm(self) -> None:
+        self.ledger.look()
         if self.interlocks.sleep() is not None:
             # the clock of the books stood still: what the subject knew may be of yesterday
             for books in (self.limiter, self.confirmed):
@@ -410,12 +414,12 @@ class StimulationController(DeviceOwner):
         if self.coil is not None:
             self.coil.heat(now, energy)
         run.energy_j += energy
-        with self._deadlines.of('ledger', self.settings.open_limit_s):
+        with self._deadlines.of(_LEDGER, self.settings.open_limit_s):
             try:
                 if pulses:
                     self.ledger.count(pulses)
             except LedgerError as error:
-                self.fail('ledger', str(error))
+                self.fail(_LEDGER, str(error))
 
     def _rest(self) -> None:
         """Set intensity zero while no pulse is due."""
@@ -522,7 +526,7 @@ class StimulationController(DeviceOwner):
             earliest = max(books.earliest_ns(run.intensity) for books in both)
             self._hold_ns = earliest - self._trigger_ns
         elif held_by or self._reservations is None or not self._reservations.holds(run.cursor):
-            self._hold_ns, self._held_by = now + AGAIN_NS, held_by or 'ledger'
+            self._hold_ns, self._held_by = now + AGAIN_NS, held_by or _LEDGER
         else:
             return self.state is State.RUNNING and not self._halts
         return False
@@ -536,7 +540,7 @@ class StimulationController(DeviceOwner):
             if self._reservations is not None:
                 self._reservations.take(run.cursor)
         except LedgerError as error:
-            self.fail('ledger', str(error))
+            self.fail(_LEDGER, str(error))
             raise DeviceError(str(error)) from error
         onset_ns = self._clock() + self._trigger_ns
         energy = self.limits.energy_j(run.intensity)
@@ -690,8 +694,9 @@ class ControllerThreads:
         """Start those that do not run."""
         controller = self._controller
         sys.setswitchinterval(min(sys.getswitchinterval(), _SWITCH_S))
-        # the first look of the supervisor is a sign of life: not later than the first order
+        # their first look is a sign of life: not later than the first order
         controller.supervise()
+        controller.reserve()
         steps = controller.step, controller.supervise, controller.reserve
         for name, step in zip(('owner', 'supervisor', 'ledger'), steps, strict=True):
             if name in self._threads and self._threads[name].is_alive():

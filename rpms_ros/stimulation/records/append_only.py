@@ -224,7 +224,7 @@ class ChainedFile:
         read: Callable[[Record], object] = bool,
         begin: Mapping[str, Any] | None = None,
     ) -> None:
-        self.path, self.torn = path, b''
+        self.path, self.torn, self._cut_end = path, b'', b''
         self._clocks = clocks if clocks is not None else Clocks()
         self._boot_id = self._clocks.boot_id()
         self._lock = threading.Lock()
@@ -236,7 +236,7 @@ class ChainedFile:
                 read(record)
             self._hash, self._count = chain.hash, chain.count
             self._size = os.fstat(self._file).st_size
-            self._mend(chain, read)
+            self._end_the_last(chain, read)
             if self._count == 0:
                 self.append(BEGIN, {'purpose': purpose, **(begin or {}), **explanation(self.torn)})
             elif self.torn:
@@ -276,8 +276,9 @@ class ChainedFile:
             if len(line) >= LONGEST_LINE:
                 fault = f'expected a record of less than {LONGEST_LINE} bytes, got {len(line)}'
                 raise StimulationError(fault)
-            self._write(line, sync)
-            self._hash, self._count = digest, self._count + 1
+            # in one write: a line that was cut off and ended, but not explained, is damage
+            self._write(self._cut_end + line, sync)
+            self._hash, self._count, self._cut_end = digest, self._count + 1, b''
 
     def look(self) -> None:
         """Raise what `append` would raise now: of a file that was removed, or a full disk."""
@@ -297,6 +298,9 @@ class ChainedFile:
             raise StimulationError(f'expected a writable {self.path}, got {self._broken}')
         # what was written in part, or not synced, may or may not be there: no second try
         try:
+            disk = os.fstatvfs(self._file)
+            if disk.f_blocks and disk.f_bavail * disk.f_frsize < LONGEST_LINE:
+                raise OSError(f'a disk with less than {LONGEST_LINE} bytes left')
             self._size += len(data)
             os.write(self._file, data)
             if sync:
@@ -307,25 +311,20 @@ class ChainedFile:
                 raise OSError('another file of that name')
             if here.st_size != self._size:
                 raise OSError(f'{here.st_size} bytes in place of {self._size}')
-            disk = os.fstatvfs(self._file)
-            if disk.f_blocks and disk.f_bavail * disk.f_frsize < LONGEST_LINE:
-                raise OSError(f'a disk with less than {LONGEST_LINE} bytes left')
         except OSError as fault:
             self._broken = str(fault)
             raise StimulationError(f'expected a writable {self.path}, got {fault}') from fault
 
-    def _mend(self, chain: Chain, read: Callable[[Record], object]) -> None:
-        """Append behind a line that was cut off."""
-        if not chain.torn:
-            return
-        self._write(b'\n', sync=False)
+    def _end_the_last(self, chain: Chain, read: Callable[[Record], object]) -> None:
+        """Have a line that was cut off end before the next record."""
+        self._cut_end = b'\n' if chain.torn else b''
         content = decoded(chain.torn, self._hash)
         if content is not None and content.get('number') == self._count:
-            # whole but for the end of its line
+            # whole but for its end
             self._hash, self._count = content['hash'], self._count + 1
             read(Record(chain.lines + 1, content))
-            return
-        self.torn = chain.torn
+        else:
+            self.torn = chain.torn
 
 
 def _locked(path: Path) -> int:

@@ -8,7 +8,6 @@ dose, whichever device gave it); each reservation stands in both.
 """
 
 import json
-import math
 import re
 import secrets
 import threading
@@ -43,7 +42,8 @@ class Batch:
     content : mapping
         The record.
     pulses : dict of int to BookedPulse
-        Those that count, by their index within the batch; their age, negative, as time.
+        Those that count, by their index within the batch; since its boot while the ledger is
+        read, then their age, negative, as time.
     """
 
     content: Mapping[str, Any]
@@ -80,6 +80,11 @@ class LedgerReader:
     batches: dict[str, Batch] = field(default_factory=dict)
     shared: list[str] = field(default_factory=list)
     partners: Counter[str] = field(default_factory=Counter)
+    # the boot that is read, its reservations, and the largest difference of wall clock and time
+    # since a boot: until it was set, a clock may have been behind
+    _boot: str = ''
+    _newest: deque[str] = field(default_factory=deque)
+    _ahead_ns: dict[str, int] = field(default_factory=dict)
 
     def take(self, record: Record) -> None:
         """Take one record in.
@@ -91,6 +96,11 @@ class LedgerReader:
         """
         content = record.content
         try:
+            boot, ahead_ns = content['boot_id'], wall_ns_of(content['time']) - content['boot_ns']
+            if boot != self._boot:
+                self.end_boot()
+                self._boot = boot
+            self._ahead_ns[boot] = max(ahead_ns, self._ahead_ns.get(boot, ahead_ns))
             if content['kind'] == BEGIN:
                 if (content['owner'], content['name']) != (self.owner, self.name):
                     raise LedgerError(
@@ -109,26 +119,42 @@ class LedgerReader:
 
     def _reserve(self, content: Mapping[str, Any]) -> None:
         key = content['batch']
-        if pulses := self._pulses(content):
-            self.batches[key] = Batch(content, pulses)
+        pulses = dict(enumerate(_pulse(*row) for row in content['pulses']))
+        self.batches[key] = Batch(content, pulses)
+        self._newest.append(key)
+        # too old whatever the wall clock says
+        while self._latest_ns(self._newest[0]) < content['boot_ns'] - self.horizon_ns:
+            del self.batches[self._newest.popleft()]
         other = content['patient' if self.owner == 'device' else 'device']
         self.partners[other] += 1
         if other == self.partner:
             self.shared.append(key)
 
-    def _pulses(self, content: Mapping[str, Any]) -> dict[int, BookedPulse]:
-        """Return the pulses of a record that may still count, by their index."""
-        rows, boot_id, written_ns = content['pulses'], content['boot_id'], content['boot_ns']
-        wall_ns = wall_ns_of(content['time']) - written_ns
-        latest = max((time_ns for time_ns, _, _ in rows), default=0)
-        if self.clocks.age_ns(boot_id, latest, wall_ns + latest) >= self.horizon_ns:
-            return {}
-        found = {}
-        for index, (time_ns, intensity, energy_j) in enumerate(rows):
-            age = self.clocks.age_ns(boot_id, time_ns, wall_ns + time_ns)
-            if age < self.horizon_ns:
-                found[index] = BookedPulse(-age, float(intensity), float(energy_j))
-        return found
+    def _latest_ns(self, key: str) -> int:
+        pulses = self.batches[key].pulses.values()
+        return max((pulse.time_ns for pulse in pulses), default=self.horizon_ns)
+
+    def end_boot(self) -> None:
+        """Turn times of the boot that was read into ages: the ledger, or that boot, is over."""
+        for key in self._newest:
+            found = {}
+            for index, pulse in self.batches[key].pulses.items():
+                wall_ns = self._ahead_ns[self._boot] + pulse.time_ns
+                age_ns = self.clocks.age_ns(self._boot, pulse.time_ns, wall_ns)
+                if age_ns < self.horizon_ns:
+                    found[index] = pulse._replace(time_ns=-age_ns)
+            self.batches[key].pulses = found
+            if not found:
+                del self.batches[key]
+        self._newest.clear()
+
+
+def _pulse(time_ns: int, intensity: float | str, energy_j: float | str) -> BookedPulse:
+    """Return a pulse; raise ValueError for figures that none has."""
+    pulse = BookedPulse(time_ns, float(intensity), float(energy_j))
+    if not (0.0 <= pulse.intensity <= 1.0 and 0.0 <= pulse.energy_j <= LARGEST_ENERGY_J):
+        raise ValueError(f'a pulse of {intensity} and {energy_j} J')
+    return pulse
 
 
 def require_all(reader: LedgerReader, others: Iterable[Path]) -> None:
@@ -170,16 +196,10 @@ def readable(torn: bytes, known: LedgerReader) -> list[BookedPulse]:
     batch = _BATCH.search(torn)
     if batch is not None and batch[1].decode('ascii') in known.batches:
         return []
-    found = []
-    for row in _PULSE.findall(torn):
-        try:
-            intensity, energy_j = (float(figure) for figure in row)
-        except ValueError:
-            intensity = energy_j = math.nan
-        if not (0.0 <= intensity <= 1.0 and 0.0 <= energy_j <= LARGEST_ENERGY_J):
-            raise LedgerError(f'expected pulses in the record that was cut off, got {row}')
-        found.append(BookedPulse(0, intensity, energy_j))
-    return found
+    try:
+        return [_pulse(0, *row) for row in _PULSE.findall(torn)]
+    except ValueError as fault:
+        raise LedgerError(f'expected pulses in the record that was cut off, got {fault}') from fault
 
 
 PURPOSE = 'dose ledger'
@@ -330,6 +350,9 @@ class MemoryLedger:
                     self._drop(self._entries.popleft())
             return DoseTotals(self._pulses, self._energy_j)
 
+    def look(self) -> None:
+        """Raise LedgerError if pulses cannot be reserved any more."""
+
     def close(self) -> None:
         """Give back what was not taken."""
         self.settle()
@@ -399,8 +422,7 @@ class DoseLedger(MemoryLedger):
         self._session = secrets.token_hex(4)
         self._batches = 0
         self._files: list[ChainedFile] = []
-        self._broken: str | None = None
-        self._opened_ns = self._clocks.boot_ns()
+        self._broken: str | None = 'one that was not opened'
         readers = [
             LedgerReader('device', device, patient, self._clocks, horizon),
             LedgerReader('patient', patient, device, self._clocks, horizon),
@@ -410,7 +432,9 @@ class DoseLedger(MemoryLedger):
                 self._files.append(_opened(folder, reader))
             for reader, other in (readers, readers[::-1]):
                 require_all(reader, sorted(folder.glob(f'{other.owner}-*.ledger')))
+            self._broken = None
             self._past = self._agree(*readers)
+            self._opened_ns = self._clocks.boot_ns()
         except StimulationError as fault:
             self.close()
             raise LedgerError(str(fault)) from fault
@@ -437,11 +461,18 @@ class DoseLedger(MemoryLedger):
             for pulse in self._past
         )
 
+    def look(self) -> None:
+        """Raise LedgerError if pulses cannot be reserved any more."""
+        self._on_each(ChainedFile.look)
+
     def close(self) -> None:
         """Give back what was not taken and close the files; may be called again."""
         # what cannot be given back any more counts as delivered
         with suppress(LedgerError):
             self.settle()
+            # a wall clock that was set since the last pulse tells how old that is
+            if self._broken is None:
+                self._write_unfired([])
         self._broken = self._broken or 'a closed ledger'
         for file in self._files:
             file.close()
@@ -461,11 +492,16 @@ class DoseLedger(MemoryLedger):
         self._append(SETTLE, {'unfired': places}, sync=False)
 
     def _append(self, kind: str, fields: Mapping[str, Any], sync: bool = True) -> None:
+        self._on_each(lambda file: file.append(kind, fields, sync))
+
+    def _on_each(self, do: Callable[[ChainedFile], object]) -> None:
         if self._broken is not None:
-            raise LedgerError(f'expected a working ledger, got {self._broken}')
+            raise LedgerError(
+                f'expected a working ledger, got {self._broken}: start the driver anew'
+            )
         try:
             for file in self._files:
-                file.append(kind, fields, sync)
+                do(file)
         except StimulationError as fault:
             # the two must never differ by more than one reservation
             self._broken = str(fault)
@@ -504,7 +540,9 @@ def _opened(folder: Path, reader: LedgerReader) -> ChainedFile:
     # in lower case: a patient must not have two ledgers by a slip of the typist
     path = folder / f'{reader.owner}-{quote(name.casefold(), safe="")}.ledger'
     owner = {'owner': reader.owner, 'name': name}
-    return ChainedFile(path, PURPOSE, clocks=reader.clocks, read=reader.take, begin=owner)
+    file = ChainedFile(path, PURPOSE, clocks=reader.clocks, read=reader.take, begin=owner)
+    reader.end_boot()
+    return file
 
 
 def _past(
