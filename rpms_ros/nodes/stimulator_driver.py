@@ -32,7 +32,7 @@ from rpms_ros import messages
 from rpms_ros.errors import NodeError, RpmsError, StimulationError
 from rpms_ros.nodes.common import qos, topics
 from rpms_ros.nodes.common.diagnostics import logger_of, plain_text
-from rpms_ros.nodes.common.parameters import declare_parameters
+from rpms_ros.nodes.common.parameters import declare_parameters, refuse_unknown
 from rpms_ros.nodes.common.runner import complete_or_gone, every, run, stay_on_this_machine
 from rpms_ros.nodes.common.topics import MESSAGE_TYPES
 from rpms_ros.nodes.driver.goals import AUDIT, ScheduleAction
@@ -93,6 +93,8 @@ class StimulatorDriver(LifecycleNode):
             raise NodeError(_BY_THE_CLOCK)
         # a misspelt limit must not count as one that was left out
         self.settings = settings = declare_parameters(self, DriverParameters, refuse_misspelt=True)
+        if not settings.simulated:
+            refuse_unknown(self)
         self._session = session_of(settings)
         ledger = ledger_of(settings, self._session)
         self._parts.callback(ledger.close)
@@ -219,6 +221,8 @@ class StimulatorDriver(LifecycleNode):
         if asked.label in possible.values() if asked.label else asked.id in possible:
             return self._change_state(request, response)
         label = asked.label or _LABELS.get(asked.id, str(asked.id))
+        if label == 'cleanup':
+            self.controller.disarm('a clean-up was asked for')
         self._reports.refuse(_refusal(possible.values(), label))
         response.success = False
         return response
@@ -369,7 +373,8 @@ class StimulatorDriver(LifecycleNode):
 
     def _new_bounds(self, parameters: list[Parameter]) -> list[float]:
         """Return the bounds on the intensity that are new; raise NodeError for what is none."""
-        given = [one.value for one in parameters if one.name == 'maximum_intensity']
+        # of several the last is the parameter's value
+        given = [one.value for one in parameters if one.name == 'maximum_intensity'][-1:]
         asked = [dataclasses.replace(self.settings, maximum_intensity=value) for value in given]
         return [one.maximum_intensity for one in asked if one != self.settings]
 

@@ -240,6 +240,13 @@ def test_a_change_of_the_bound_that_is_refused_with_another_one_changes_nothing(
         asked = [Parameter(name, value=value) for name, value in values.items()]
         return lab.driver.set_parameters_atomically(asked).successful
 
+    def both(*shares):
+        return [Parameter('maximum_intensity', value=share) for share in shares]
+
+    for first, last in ((0.3, 0.5), (0.7, 0.5)):
+        assert lab.driver.set_parameters_atomically(both(first, last)).successful
+        assert lab.controller.limits.maximum_intensity == last
+        assert lab.driver.get_parameter('maximum_intensity').value == last
     assert bound(0.3)
     for share in (0.9, 0.1):
         assert not bound(share, use_sim_time=True)

@@ -138,6 +138,24 @@ def test_a_sample_over_the_limit_stops_also_if_it_is_no_sign_of_life(driver_benc
     assert 'force_limit: expected at most 100 N, got 150 N' in bench.stopped()
 
 
+def test_with_two_sensors_the_end_of_one_would_not_show(driver_bench, graph):
+    bench = driver_bench(button=True, force_limit=100.0)
+    sensed(bench, lambda: wrench(10.0))
+    bench.run()
+    # of a simulated muscle that was left running, say
+    graph.publisher(WrenchStamped, topics.FORCE, qos.FORCE)
+    assert 'expected one publisher of /force, got /' in bench.stopped()
+    assert not bench.resets().success
+
+
+def test_a_clean_up_ends_a_train_though_the_life_cycle_has_none_while_active(driver_bench):
+    bench = driver_bench(button=True)
+    bench.run()
+    assert not bench.change(Transition.TRANSITION_CLEANUP)
+    assert bench.controller.run.ended == 'a clean-up was asked for'
+    assert not bench.controller.device.armed
+
+
 def test_shutdown_of_the_life_cycle_disarms_and_closes_the_device(driver_bench):
     bench = driver_bench(button=True)
     bench.run()

@@ -136,6 +136,8 @@ def test_a_bad_value_gives_one_clear_line(context, values, message):
         ('maximum_intesity', 'maximum_intensity'),
         ('require_stopbutton', 'require_stop_button'),
         ('Temperature_limit', 'temperature_limit'),
+        ('MAXIMUM_INTENSITY', 'maximum_intensity'),
+        ('limits.force_limit', 'force_limit'),
     ],
 )
 def test_a_driver_refuses_a_misspelt_limit(context, given, meant):
@@ -150,6 +152,21 @@ def test_no_parameter_of_another_node_is_taken_for_a_misspelt_one_of_the_driver(
     others = {name for one in NODES for name in descriptions(one)} - own
     overrides = [Parameter(name, value='of another') for name in sorted(others)]
     StimulatorDriver(context=context, parameter_overrides=overrides).destroy_node()
+
+
+def test_a_driver_of_a_real_device_takes_no_unknown_name(context):
+    given = {'device': 'serial', 'max_rate': 5.0}
+    given |= {'audit_log': '/log', 'ledger_folder': '/doses', 'patient_file': '/patient.yaml'}
+    overrides = [Parameter(name, value=value) for name, value in given.items()]
+    with pytest.raises(NodeError, match='expected parameters of stimulator_driver, got max_rate'):
+        StimulatorDriver(context=context, parameter_overrides=overrides)
+
+
+@pytest.mark.parametrize('wrong', [False, ''])
+def test_no_list_is_not_an_empty_one(context, wrong):
+    with pytest.raises(NodeError, match='parameter stop_buttons: expected'):
+        overrides = [Parameter('stop_buttons', value=wrong)]
+        StimulatorDriver(context=context, parameter_overrides=overrides)
 
 
 @pytest.mark.parametrize('settings', NODES)

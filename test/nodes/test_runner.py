@@ -99,7 +99,27 @@ def test_a_file_that_has_nothing_for_the_node_is_said(python, tmp_path):
     line, _, errors = stopped(python, *arguments)
     assert line == 'running at 20.0'
     assert 'WARN' in errors
-    assert 'expected files with parameters for /other, got none for it' in errors
+    assert f'expected parameters for /other in {file}, got those of /**/example' in errors
+
+
+@pytest.mark.parametrize(
+    ('written', 'warned'),
+    [
+        ('exmple: {ros__parameters: {rate: 5.0}}', True),
+        ('left: {example: {ros__parameters: {rate: 5.0}}}', True),
+        ('/*/example: {ros__parameters: {rate: 5.0}}', True),
+        ('/**/example: {ros__parameters: {rate: 5.0}}', False),
+        ('/**: {ros__parameters: {rate: 5.0}}', False),
+    ],
+)
+def test_each_file_without_effect_is_said(python, tmp_path, written, warned):
+    """Any other parameter hid it: a limit in it was left out without a word."""
+    file = tmp_path / 'example.yaml'
+    file.write_text(written)
+    options = ('-p', 'rate:=2.5', '--params-file', str(file))
+    line, _, errors = stopped(python, '--ros-args', *options)
+    assert line == ('running at 2.5' if warned else 'running at 5.0')
+    assert ('expected parameters for /example in' in errors) == warned
 
 
 def test_a_bad_parameter_is_one_line_and_exit_code_two(python, tmp_path):

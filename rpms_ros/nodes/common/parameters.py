@@ -199,7 +199,8 @@ def declare_parameters(
             additional_constraints=description.conditions(),
             read_only=not description.dynamic,
         )
-        if default == () and not (name in given and given[name].value):
+        told = given[name].value if name in given else None
+        if default == () and not (told or isinstance(told, bool | str)):
             # ROS takes an empty list for bytes, and that of a file for nothing
             node.declare_parameter(name, kind, ignore_override=True)
             node.set_parameters([Parameter(name, kind, [])])
@@ -207,7 +208,7 @@ def declare_parameters(
             values[name] = ()
             continue
         if name in given:
-            if given[name].value is True and description.true_is:
+            if told is True and description.true_is:
                 given[name] = Parameter(name, value=description.true_is)
             _require(name, given[name].value, kind, description)
         # of an empty list the type alone
@@ -221,10 +222,18 @@ def declare_parameters(
         raise NodeError(f'parameters of {node.get_name()}: {error}') from error
 
 
+def refuse_unknown(node: Node) -> None:
+    """Raise `NodeError` for parameters that are given and none of the node's."""
+    given: dict[str, Parameter] = getattr(node, '_parameter_overrides', {})
+    if unknown := list(filterfalse(node.has_parameter, given)):
+        raise NodeError(f'expected parameters of {node.get_name()}, got {", ".join(unknown)}')
+
+
 def _warn_of_unknown(node: Node, given: dict[str, Parameter], known: list[str]) -> None:
     """Warn of unknown names; raise `NodeError` for one that is much like a `known` one."""
     # A file may hold parameters of several nodes, so this alone is not an error.
     for name in filterfalse(node.has_parameter, given):
-        for meant in difflib.get_close_matches(name, known, 1, _ALIKE):
+        written = name.rpartition('.')[-1].casefold()
+        for meant in difflib.get_close_matches(written, known, 1, _ALIKE):
             raise NodeError(f'expected a parameter of {node.get_name()} as {meant}, got {name}')
         logger_of(node).warning(f'parameter {name} is unknown here and ignored')

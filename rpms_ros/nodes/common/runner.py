@@ -4,6 +4,7 @@
 
 import os
 import random
+import re
 import signal
 import socket
 import sys
@@ -12,12 +13,14 @@ import time
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
+from itertools import pairwise
 from pathlib import Path
 from traceback import walk_stack
 from types import FrameType
 from typing import Any
 
 import rclpy
+import yaml
 from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import NameValidationException
 from rclpy.executors import ExternalShutdownException
@@ -238,10 +241,29 @@ def run(build: Callable[[], Node], args: Sequence[str] | None = None) -> int:
 
 
 def _warn_of_files_without_effect(arguments: Sequence[str], node: Node) -> None:
-    """Warn if no file of parameters on the command line has one for the node."""
-    if '--params-file' in arguments and not getattr(node, '_parameter_overrides', {}):
-        name = node.get_fully_qualified_name()
-        logger_of(node).warning(f'expected files with parameters for {name}, got none for it')
+    """Warn of each file of parameters on the command line that has none for the node."""
+    name = node.get_fully_qualified_name()
+    for option, path in pairwise(arguments):
+        if option == '--params-file':
+            nodes = list(_nodes_of(yaml.safe_load(Path(path).read_text(encoding='utf-8'))))
+            if not any(_means(pattern, name) for pattern in nodes):
+                text = f'expected parameters for {name} in {path}, got those of {", ".join(nodes)}'
+                logger_of(node).warning(text)
+
+
+def _nodes_of(file: dict[str, Any], place: str = '') -> Iterator[str]:
+    """Yield the names of nodes in a file of parameters, wildcards included."""
+    for key, value in file.items():
+        if key == 'ros__parameters':
+            yield place
+        elif isinstance(value, dict):
+            yield from _nodes_of(value, f'{place}/{key.strip("/")}')
+
+
+def _means(pattern: str, name: str) -> bool:
+    """Return whether a name of a file of parameters means a node: `*` is one part, `**` any."""
+    expression = re.escape(pattern).replace(r'/\*\*', '(/.*)?').replace(r'\*', '[^/]+')
+    return re.fullmatch(expression, name) is not None
 
 
 def _refuse_options(build: Callable[[], Node], options: Sequence[str]) -> None:

@@ -151,6 +151,7 @@ def publishers_of(node: Node, topic: str) -> dict[bytes, str]:
 
 
 _SEND_GOAL = '/_action/send_goal'
+SENSORS = 'force_publishers'
 
 
 def others_of_this_name(node: Node) -> str:
@@ -218,7 +219,7 @@ class DriverWatch:
         self._watched_for = -1
         self._next_graph_ns = 0
         self._pressed = False
-        self._others = ''
+        self._twice = {UNIQUE: '', SENSORS: ''}
         self._lock = threading.Lock()
         self._closing = False
         self._node = second_node(node, '_watch')
@@ -338,14 +339,22 @@ class DriverWatch:
     def _look_at_graph(self) -> None:
         topic = self._driver.resolve_topic_name(topics.EMERGENCY_STOP)
         self._buttons.present(publishers_of(self._node, topic))
-        before, self._others = self._others, others_of_this_name(self._driver)
-        if not self._others:
-            self._controller.interlocks.close(UNIQUE)
-        elif before:
-            self._controller.open(UNIQUE, self._others)
-        elif self._controller.state not in POSSIBLE:
-            # arming is refused at once, a train is stopped when it is seen again
-            self._controller.interlocks.open(UNIQUE, self._others)
+        before, found = self._twice, {UNIQUE: others_of_this_name(self._driver), SENSORS: ''}
+        force = self._driver.resolve_topic_name(topics.FORCE)
+        sensors = publishers_of(self._node, force)
+        if len(sensors) > 1 and self._controller.settings.force_limit_n > 0.0:
+            # one that falls silent would not be noticed
+            names = ', '.join(sorted(sensors.values()))
+            found[SENSORS] = f'expected one publisher of {force}, got {names}'
+        self._twice = found
+        for name, problem in found.items():
+            if not problem:
+                self._controller.interlocks.close(name)
+            elif before[name]:
+                self._controller.open(name, problem)
+            elif self._controller.state not in POSSIBLE:
+                # arming is refused at once, a train is stopped when it is seen again
+                self._controller.interlocks.open(name, problem)
 
     def _judge_buttons(self, now_ns: int) -> None:
         problem, pressed = self._buttons.problem(now_ns), self._buttons.pressed
