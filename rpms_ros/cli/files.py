@@ -170,6 +170,9 @@ def run_export(arguments: argparse.Namespace) -> int:
         units = ', '.join(sorted(other))
         text = f'expected estimates in {recording.unit}, got {units} (--quantity?)'
         findings.append(('warning', text))
+    if not recording.forces.force.any():
+        text = f'the {recording.quantity} is 0 in all samples (--axis, --quantity?)'
+        findings.append(('warning', text))
     estimates = estimate_table(nodes.estimates) if nodes.estimates else None
     what = (recording, path.resolve().name, estimates, arguments.anonymous)
     written_whole(arguments.out, lambda place: write_tables(place, *what))

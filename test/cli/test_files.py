@@ -287,3 +287,4 @@ def test_a_torque_is_named_as_one(rpms, session, tmp_path):
     code, _, err = rpms('export', path, '--out', tmp_path / 'force')
     assert code == 1
     assert 'expected estimates in N, got N m (--quantity?)' in err
+    assert 'the force is 0 in all samples (--axis, --quantity?)' in err
