@@ -219,7 +219,7 @@ def test_a_curve_that_is_wide_anywhere_is_not_good(trial, fitted):
     verdict = verdict_of(replace(fitted, estimates=[*fitted.estimates[:-1], wide]), *trial)
     assert verdict.grade == 'doubtful'
     assert re.search(r'the force at intensity 0\.\d+ is known only as', verdict.line)
-    wide = replace(last, response_upper=last.response_upper + 0.6 * last.response_force.max())
+    wide = replace(last, response_upper=last.response_upper + 1.1 * last.response_force.max())
     verdict = verdict_of(replace(fitted, estimates=[*fitted.estimates[:-1], wide]), *trial)
     assert verdict.grade == 'doubtful'
     assert re.search(

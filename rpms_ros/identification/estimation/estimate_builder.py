@@ -178,6 +178,8 @@ class Muscle(NamedTuple):
         That of the curve by what the sines miss of it, as a share of its end.
     model_error : float
         That of curve and response by what no muscle of the model does, as such a share.
+    unnoticed : ndarray (recruitment + functions, recruitment + functions) or float
+        Covariance by forces that are too small to be noticed, as that of `Uncertainty`.
     """
 
     theta: FloatArray
@@ -189,6 +191,7 @@ class Muscle(NamedTuple):
     area_error: float = 0.0
     curve_error: float = 0.0
     model_error: float = 0.0
+    unnoticed: FloatArray | float = 0.0
 
 
 LEAST_GAIN = 0.7
@@ -683,7 +686,7 @@ class EstimateBuilder:
         )
         share = max(MISFIT, self._share(found))
         misfit = share * rho[0] * np.linalg.norm(linear) * np.linalg.norm(self._values, axis=1)
-        covariance = to_coefficients @ sure.covariance @ to_coefficients.T
+        covariance = to_coefficients @ (sure.covariance + found.unnoticed) @ to_coefficients.T
         covariance += taken_up**2 * np.outer(linear, linear)
         half = sure._replace(covariance=covariance).half_width(self._values, misfit)
         fields: dict[str, Any] = {

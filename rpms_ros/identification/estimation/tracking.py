@@ -107,8 +107,10 @@ _WRONG = 0.005
 _SWING = 0.03
 # The disturbance counts as following the intensity if its course in the last 1.5 s, smoothed over
 # so many intervals and as many apart, explains this share of its variance, and moves it by this
-# share of the force at full intensity; in less than twenty seconds any course does.
+# share of the force at full intensity; in less than twenty seconds any course does.  Of a little,
+# as of a strap that gives way, it has to explain nearly all.
 _SMOOTHED, _LAGS, _LEAST_COMPARED, _EXPLAINED, _FOLLOWED = 2, 6, 160, 0.5, 0.02
+_NEARLY_ALL, _LITTLE = 0.8, 1e-3
 # It is lively where it moves by this share of that force in an interval, in the median: a heart of
 # 2 % and a breath of 3 % do by 1 %, efforts now and then do not.
 _LIVELY_SHARE = 5e-3
@@ -118,7 +120,7 @@ def follows_intensity(problem: Problem, fit: WindowFit, full: float) -> float:
     """Return by which share of a force `full` [N] the disturbance runs with the intensity.
 
     An effort that does so, as under a slow sinusoid, cannot be told from recruitment: as much may
-    be in the curve.  0 where it does not, or by less than `_FOLLOWED`.
+    be in the curve.  0 where it does not, or by too little.
     """
     blocks, levels = problem.blocks, fit.levels
     order = ring_order(blocks)[problem.first :]
@@ -139,7 +141,8 @@ def follows_intensity(problem: Problem, fit: WindowFit, full: float) -> float:
     straight = np.polynomial.Polynomial.fit(columns[1], levels, 1)(columns[1])
     explained = 1.0 - np.var(levels - part) / max(float(np.var(levels - straight)), 1e-300)
     share = float(np.ptp(part - straight)) / max(full, 1e-100)
-    return share if explained > _EXPLAINED and share > _FOLLOWED else 0.0
+    least = _EXPLAINED if share > _FOLLOWED else _NEARLY_ALL
+    return share if explained > least and share > _LITTLE else 0.0
 
 
 def liveliness(levels: FloatArray, full: float) -> float:
@@ -819,7 +822,9 @@ class TrackingEstimator(ProjectionEstimator):
             self._raw = self._raw.without(self._tremor.frequency, rest)
             self._change_basis(self._basis)
         choice = self._choice()
-        found = choice.richer(choice.finer(choice.better(search is Search.EVERYWHERE)))
+        found = choice.better(search is Search.EVERYWHERE)
+        # a lively disturbance takes up what a basis leaves
+        found = choice.richer(found if fit.scales.lively >= LIVELY else choice.finer(found))
         explained = choice.explained(found)
         quieter = explained.fit.scales.lively < LIVELY <= fit.scales.lively
         freed = explained.fit.inflation < _ALIKE * fit.colour < fit.inflation

@@ -81,9 +81,9 @@ _HELD_OUT_TIMES, _LARGEST_HELD_OUT = 3.0, 0.05
 _NARROW = 0.03
 # That of a good one: an error of 2 % would be 3.3 standard deviations, one of a thousand.
 _KNOWN = 0.012
-# That of a response, as a share of its peak: a slow sinusoid of 20 Hz tells those of the model's
-# muscles to 1 to 16 %, random intensities to 1 %.
-_UNTOLD = 0.25
+# That of a response, as a share of its peak: a slow sinusoid tells those of the model's muscles to
+# a fifth at 20 Hz, two fifths at 30 Hz, random intensities to a fiftieth.
+_UNTOLD = 0.5
 # Length of the end that is judged: two periods of the slow sinusoids in use; a muscle that tires
 # changes by a quarter meanwhile, which leaves 0.03 of the variance unexplained.  Half of it for an
 # estimator that follows such changes, because its estimate is that of the end.

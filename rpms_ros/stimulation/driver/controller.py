@@ -73,7 +73,7 @@ _INTENSITY = 'intensity_reading'
 _READING_LIMIT_NS = 4 * NANOSECONDS_PER_SECOND
 # From this age on a reading of the temperature comes before one of the intensity.
 _WARM_NS = 2 * NANOSECONDS_PER_SECOND
-# How often pulses are put into the dose ledger, and the longest silence of the thread that does it.
+# How often pulses are put into the dose ledger; the longest silence of the thread that does it.
 _RESERVE_NS, _RESERVE_LIMIT_S = 100_000_000, 1.0
 _LEDGER = 'ledger'
 # Longer than a schedule can be.

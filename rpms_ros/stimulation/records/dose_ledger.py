@@ -199,7 +199,8 @@ def readable(torn: bytes, known: LedgerReader) -> list[BookedPulse]:
     try:
         return [_pulse(0, *row) for row in _PULSE.findall(torn)]
     except ValueError as fault:
-        raise LedgerError(f'expected pulses in the record that was cut off, got {fault}') from fault
+        said = f'expected pulses in the record that was cut off, got {fault}'
+        raise LedgerError(said) from fault
 
 
 PURPOSE = 'dose ledger'
