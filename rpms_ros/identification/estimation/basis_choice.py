@@ -209,7 +209,7 @@ class BasisChoice:
         return nearest
 
     def spread(self, basis: LaguerreBasis, known_ns: int) -> FloatArray:
-        """Return how w on a basis differs among the bases that are nearly as likely.
+        """Return how far w on a basis is from that of the bases that are nearly as likely.
 
         Parameters
         ----------
@@ -234,8 +234,8 @@ class BasisChoice:
                 full = recruitment(1.0, fit.point.theta[: SUMMATION.start])
                 linear.append(full * conversion(one, basis) @ fit.point.linear)
         weight, values = np.array(share) / sum(share), np.array(linear)
-        own = (self.fit if basis == self.basis else self.explained(basis).fit).point
-        area, own = basis.area, recruitment(1.0, own.theta[: SUMMATION.start]) * own.linear
+        here = (self.fit if basis == self.basis else self.explained(basis).fit).point
+        area, own = basis.area, recruitment(1.0, here.theta[: SUMMATION.start]) * here.linear
         away = values - own
         if self.window.first_ns > known_ns and area @ own > 0.0:
             away = away - np.outer(away @ area, own) / (area @ own)

@@ -454,7 +454,7 @@ def test_an_effort_that_follows_the_intensity_is_doubted(league, excitation):
 
 
 def test_a_little_that_runs_with_the_intensity_is_doubted(league):
-    """Such as a strap with backlash: half a per cent moved the response by 40 %, and it was good."""
+    """Such as a strap with backlash: half a per cent moved the response by 40 %."""
     (time, force, *pulses), _ = league.session('arctan', 'sinusoid', 0, 40.0)
     friction = 0.03 * np.tanh(10.0 * np.sin(2.0 * np.pi * (time - 0.1) / 9.0))
     found = rpms_ros.from_arrays(time, force - friction, *pulses).identify('tracking')
