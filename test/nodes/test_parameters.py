@@ -162,7 +162,7 @@ def test_a_driver_of_a_real_device_takes_no_unknown_name(context):
         StimulatorDriver(context=context, parameter_overrides=overrides)
 
 
-@pytest.mark.parametrize('wrong', [False, ''])
+@pytest.mark.parametrize('wrong', [False, '', 0])
 def test_no_list_is_not_an_empty_one(context, wrong):
     overrides = [Parameter('stop_buttons', value=wrong)]
     with pytest.raises(NodeError, match='parameter stop_buttons: expected'):

@@ -110,6 +110,7 @@ def test_a_file_that_has_nothing_for_the_node_is_said(python, tmp_path):
         ('/*/example: {ros__parameters: {rate: 5.0}}', True),
         ('/**/example: {ros__parameters: {rate: 5.0}}', False),
         ('/**: {ros__parameters: {rate: 5.0}}', False),
+        ('# example: {ros__parameters: {rate: 5.0}}', True),
     ],
 )
 def test_each_file_without_effect_is_said(python, tmp_path, written, warned):

@@ -291,6 +291,33 @@ def test_a_reservation_that_reached_one_ledger_only_is_put_into_the_other(opened
         killed(opened('coil-1', 'P02'))
 
 
+def test_a_reservation_put_into_the_other_ledger_late_can_be_read(machine, opened, left, tmp_path):
+    machine.boot = machine.monotonic = 60 * HOUR
+    left(2, 3)
+    patient = ledgers_of(tmp_path)[1]
+    patient.write_bytes(b''.join(patient.read_bytes().splitlines(keepends=True)[:-1]))
+    # none of its pulses counts any more
+    machine.wait(25 * 3600.0)
+    for _ in range(2):
+        killed(opened())
+
+
+def test_a_reservation_of_an_earlier_boot_is_put_into_the_other_ledger(
+    machine, opened, left, tmp_path
+):
+    machine.boot = machine.monotonic = 60 * HOUR
+    left(2, 3)
+    patient = ledgers_of(tmp_path)[1]
+    patient.write_bytes(b''.join(patient.read_bytes().splitlines(keepends=True)[:-1]))
+    machine.restart(600.0)
+    left(4, device='coil-2')
+    for more in (0, 7, 0):
+        ledger = opened()
+        assert ledger.totals().pulses == 9
+        ledger.settle(ledger.reserve(planned(machine, more)))
+        killed(ledger)
+
+
 @pytest.mark.parametrize('which', [0, 1])
 def test_lost_records_and_lost_ledgers_are_refused(opened, left, tmp_path, which):
     left(2, 2, 2, 2)

@@ -234,12 +234,13 @@ class BasisChoice:
                 full = recruitment(1.0, fit.point.theta[: SUMMATION.start])
                 linear.append(full * conversion(one, basis) @ fit.point.linear)
         weight, values = np.array(share) / sum(share), np.array(linear)
+        mean = weight @ values
         here = (self.fit if basis == self.basis else self.explained(basis).fit).point
         area, own = basis.area, recruitment(1.0, here.theta[: SUMMATION.start]) * here.linear
         away = values - own
         if self.window.first_ns > known_ns and area @ own > 0.0:
             away = away - np.outer(away @ area, own) / (area @ own)
-        return (weight * away.T) @ away / max(float(own @ own), 1e-300)
+        return (weight * away.T) @ away / max(float(own @ own), float(mean @ mean), 1e-300)
 
     def explained(self, basis: LaguerreBasis, rough: bool = False) -> BasisFit:
         """Return how well a basis explains the samples, with a tremor or without.

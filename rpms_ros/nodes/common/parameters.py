@@ -200,7 +200,7 @@ def declare_parameters(
             read_only=not description.dynamic,
         )
         told = given[name].value if name in given else None
-        if default == () and not (told or isinstance(told, bool | str)):
+        if default == () and told in (None, [], b''):
             # ROS takes an empty list for bytes, and that of a file for nothing
             node.declare_parameter(name, kind, ignore_override=True)
             node.set_parameters([Parameter(name, kind, [])])

@@ -244,19 +244,22 @@ def _warn_of_files_without_effect(arguments: Sequence[str], node: Node) -> None:
     """Warn of each file of parameters on the command line that has none for the node."""
     name = node.get_fully_qualified_name()
     for option, path in pairwise(arguments):
-        if option == '--params-file':
-            nodes = list(_nodes_of(yaml.safe_load(Path(path).read_text(encoding='utf-8'))))
+        # a pipe can be read once
+        if option == '--params-file' and Path(path).is_file():
+            # ROS has taken it; texts alone: it reads other dates and tags than this parser
+            told = yaml.load(Path(path).read_bytes(), yaml.BaseLoader)
+            nodes = list(_nodes_of(told))
             if not any(_means(pattern, name) for pattern in nodes):
-                text = f'expected parameters for {name} in {path}, got those of {", ".join(nodes)}'
-                logger_of(node).warning(text)
+                got = f'those of {", ".join(nodes)}' if nodes else 'none'
+                logger_of(node).warning(f'expected parameters for {name} in {path}, got {got}')
 
 
-def _nodes_of(file: dict[str, Any], place: str = '') -> Iterator[str]:
+def _nodes_of(file: Any, place: str = '') -> Iterator[str]:
     """Yield the names of nodes in a file of parameters, wildcards included."""
-    for key, value in file.items():
+    for key, value in file.items() if isinstance(file, dict) else ():
         if key == 'ros__parameters':
             yield place
-        elif isinstance(value, dict):
+        else:
             yield from _nodes_of(value, f'{place}/{key.strip("/")}')
 
 

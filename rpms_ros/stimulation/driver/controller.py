@@ -73,8 +73,9 @@ _INTENSITY = 'intensity_reading'
 _READING_LIMIT_NS = 4 * NANOSECONDS_PER_SECOND
 # From this age on a reading of the temperature comes before one of the intensity.
 _WARM_NS = 2 * NANOSECONDS_PER_SECOND
-# How often pulses are put into the dose ledger; the longest silence of the thread that does it.
-_RESERVE_NS, _RESERVE_LIMIT_S = 100_000_000, 1.0
+# How often pulses are put into the dose ledger; the longest silence of the thread that does it,
+# which waits for a disk, in those of the supervisor.
+_RESERVE_NS, _SILENCES = 100_000_000, 2.0
 _LEDGER = 'ledger'
 # Longer than a schedule can be.
 _NEVER_S = 1e6
@@ -135,7 +136,7 @@ class StimulationController(DeviceOwner):
         self.confirmed = PulseLimiter(self.limits)
         for books in (self.limiter, self.confirmed):
             books.book_history(history)
-        self.interlocks.require(_LEDGER, _RESERVE_LIMIT_S, hold_s=_RESERVE_LIMIT_S)
+        self.interlocks.require(_LEDGER, _SILENCES * settings.supervisor_timeout_s)
         self.lateness = Lateness()
         self.on_fired: Callable[[Fired], object] = bool
         self.commanded = self.delivered = self.unverified = self.dropped = 0
@@ -313,7 +314,8 @@ class StimulationController(DeviceOwner):
         self._hold_ns, self._held_by = 0, _LATE
 
     def _arm(self) -> None:
-        self.ledger.look()
+        with self._deadlines.of(_LEDGER, self.settings.open_limit_s):
+            self.ledger.look()
         if self.interlocks.sleep() is not None:
             # the clock of the books stood still: what the subject knew may be of yesterday
             for books in (self.limiter, self.confirmed):
@@ -694,9 +696,9 @@ class ControllerThreads:
         """Start those that do not run."""
         controller = self._controller
         sys.setswitchinterval(min(sys.getswitchinterval(), _SWITCH_S))
-        # their first look is a sign of life: not later than the first order
+        # first signs of life: not later than the first order
         controller.supervise()
-        controller.reserve()
+        controller.seen(_LEDGER)
         steps = controller.step, controller.supervise, controller.reserve
         for name, step in zip(('owner', 'supervisor', 'ledger'), steps, strict=True):
             if name in self._threads and self._threads[name].is_alive():

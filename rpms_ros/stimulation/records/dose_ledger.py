@@ -42,8 +42,8 @@ class Batch:
     content : mapping
         The record.
     pulses : dict of int to BookedPulse
-        Those that count, by their index within the batch; since its boot while the ledger is
-        read, then their age, negative, as time.
+        Those that count, by their index within the batch.  Their times are since the boot until
+        the records of that are read, then minus their ages.
     """
 
     content: Mapping[str, Any]
@@ -97,7 +97,7 @@ class LedgerReader:
         content = record.content
         try:
             boot, ahead_ns = content['boot_id'], wall_ns_of(content['time']) - content['boot_ns']
-            if boot != self._boot:
+            if boot not in self._ahead_ns:
                 self.end_boot()
                 self._boot = boot
             self._ahead_ns[boot] = max(ahead_ns, self._ahead_ns.get(boot, ahead_ns))
@@ -121,32 +121,41 @@ class LedgerReader:
         key = content['batch']
         pulses = dict(enumerate(_pulse(*row) for row in content['pulses']))
         self.batches[key] = Batch(content, pulses)
-        self._newest.append(key)
-        # too old whatever the wall clock says
-        while self._latest_ns(self._newest[0]) < content['boot_ns'] - self.horizon_ns:
-            del self.batches[self._newest.popleft()]
+        if content['boot_id'] == self._boot:
+            self._newest.append(key)
+            # too old whatever the wall clock says
+            oldest_ns = content['boot_ns'] - self.horizon_ns
+            while self._newest and self._ended(self._newest[0], oldest_ns):
+                del self.batches[self._newest.popleft()]
+        else:
+            # of an earlier boot, written once more for a process that was killed
+            self._date(key)
         other = content['patient' if self.owner == 'device' else 'device']
         self.partners[other] += 1
         if other == self.partner:
             self.shared.append(key)
 
-    def _latest_ns(self, key: str) -> int:
-        pulses = self.batches[key].pulses.values()
-        return max((pulse.time_ns for pulse in pulses), default=self.horizon_ns)
+    def _ended(self, key: str, before_ns: int) -> bool:
+        """Return whether no pulse of a batch was after a time since its boot [ns]."""
+        return all(pulse.time_ns < before_ns for pulse in self.batches[key].pulses.values())
 
     def end_boot(self) -> None:
         """Turn times of the boot that was read into ages: the ledger, or that boot, is over."""
         for key in self._newest:
-            found = {}
-            for index, pulse in self.batches[key].pulses.items():
-                wall_ns = self._ahead_ns[self._boot] + pulse.time_ns
-                age_ns = self.clocks.age_ns(self._boot, pulse.time_ns, wall_ns)
-                if age_ns < self.horizon_ns:
-                    found[index] = pulse._replace(time_ns=-age_ns)
-            self.batches[key].pulses = found
-            if not found:
-                del self.batches[key]
+            self._date(key)
         self._newest.clear()
+
+    def _date(self, key: str) -> None:
+        """Turn times of a batch into ages; forget what is too old."""
+        batch, found = self.batches[key], {}
+        boot = batch.content['boot_id']
+        for index, pulse in batch.pulses.items():
+            age_ns = self.clocks.age_ns(boot, pulse.time_ns, self._ahead_ns[boot] + pulse.time_ns)
+            if age_ns < self.horizon_ns:
+                found[index] = pulse._replace(time_ns=-age_ns)
+        batch.pulses = found
+        if not found:
+            del self.batches[key]
 
 
 def _pulse(time_ns: int, intensity: float | str, energy_j: float | str) -> BookedPulse:
@@ -437,6 +446,8 @@ class DoseLedger(MemoryLedger):
             self._past = self._agree(*readers)
             self._opened_ns = self._clocks.boot_ns()
         except StimulationError as fault:
+            # a ledger that is refused stays as it is
+            self._broken = str(fault)
             self.close()
             raise LedgerError(str(fault)) from fault
         past = self.history(self._clocks.monotonic_ns())
