@@ -227,19 +227,23 @@ class BasisChoice:
         best = max(fit.likelihood for fit in found.values())
         if not math.isfinite(best):
             return np.zeros((basis.functions, basis.functions))
-        share, linear = [], []
+        share, linear, areas = [], [], []
         for one, fit in found.items():
             if fit.likelihood > best - 2.0 * _EQUAL:
                 share.append(math.exp(fit.likelihood - best))
                 full = recruitment(1.0, fit.point.theta[: SUMMATION.start])
                 linear.append(full * conversion(one, basis) @ fit.point.linear)
+                areas.append(full * one.area @ fit.point.linear)
         weight, values = np.array(share) / sum(share), np.array(linear)
         mean = weight @ values
         here = (self.fit if basis == self.basis else self.explained(basis).fit).point
         area, own = basis.area, recruitment(1.0, here.theta[: SUMMATION.start]) * here.linear
         away = values - own
-        if self.window.first_ns > known_ns and area @ own > 0.0:
-            away = away - np.outer(away @ area, own) / (area @ own)
+        if area @ own > 0.0:
+            # what a basis has and this one cannot have is no difference of the steady force
+            known = self.window.first_ns > known_ns
+            more = 0.0 if known else np.array(areas) - area @ own
+            away = away - np.outer(away @ area - more, own) / (area @ own)
         return (weight * away.T) @ away / max(float(own @ own), float(mean @ mean), 1e-300)
 
     def explained(self, basis: LaguerreBasis, rough: bool = False) -> BasisFit:
