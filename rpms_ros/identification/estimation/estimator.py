@@ -179,7 +179,6 @@ class ProjectionEstimator:
         fit, predictor = self._window, self._predictor
         nonlinear = len(fit.point.theta)
         own = slice(nonlinear, nonlinear + len(fit.point.linear))
-        known = np.delete(np.arange(own.stop), np.arange(nonlinear)[SUMMATION])
         sums, sure = self._residual_sums(), self._uncertainty()
         beyond = beyond_the_sines(fit.scales, self.sines)
         found = Muscle(
@@ -191,7 +190,7 @@ class ProjectionEstimator:
             area_error=sums.missing_area(fit.variance * fit.colour),
             curve_error=math.hypot(beyond, self._in_common(sums, sure)),
             model_error=self._model_error,
-            unnoticed=self._unnoticed(sums) * fit.covariance[np.ix_(known, known)],
+            unnoticed=self._unnoticed(sums, sure),
         )
         counters = self._counters()
         deviation = self._prior.deviation[:PARAMETERS]
@@ -202,19 +201,23 @@ class ProjectionEstimator:
         counted.add(FACTORISATION_FAILED, fit.failures)
         return self._builder.make(stamp_ns, found, sure, deviation, counters, counted.counts())
 
-    def _unnoticed(self, sums: ResidualSums) -> float:
-        """Return the variance by a force that nobody notices, in times that by the noise.
+    def _unnoticed(self, sums: ResidualSums, sure: Uncertainty | None) -> FloatArray | float:
+        """Return the covariance by a force that nobody notices, a multiple of that by the noise.
 
         It follows the pulses, as that of a strap that gives way or of a tail of the response, so
         that it does not vanish in the mean of many samples as noise does.
         """
         fit, blocks = self._window, self._problem.blocks
-        if not (fit.variance > 0.0 and sums.seconds > 0.0):
+        if sure is None or not sums.seconds > 0.0:
             return 0.0
         linear, pulses = fit.point.linear, int(blocks.size[0]) - self._problem.first
         square = (float(self._basis.area @ linear) / sums.seconds) ** 2 * pulses * sums.recruited
         noise = len(linear) * fit.variance * max(fit.inflation, fit.colour)
-        return _UNNOTICED**2 * square * sums.samples / noise
+        last = len(fit.point.theta)
+        joint = last + len(linear)
+        by_noise = sure._replace(covariance=fit.covariance[:joint, :joint])
+        known = by_noise.without(slice(last - 2, last)).covariance
+        return _UNNOTICED**2 * square * sums.samples / noise * known
 
     def _in_common(self, sums: ResidualSums, sure: Uncertainty | None) -> float:
         """Return the error of the recruitment that all pulses share by what the functions miss.

@@ -498,7 +498,7 @@ def _of_the_intervals(last: Estimate, pulses: PulseTrain) -> Iterator[Reason]:
     response = last.response_time, last.response_force, last.response_lower, last.response_upper
     for (at, force, lower, upper), told, most, where in (
         (curve, given, _KNOWN, 'at intensity {:.2g}'),
-        (response, response[0] >= 0.0, _UNTOLD, '{:.3g} s after a pulse of full intensity'),
+        (response, True, _UNTOLD, '{:.3g} s after a pulse of full intensity'),
     ):
         half = np.where(told, upper - lower, 0.0) / 2
         place = int(np.argmax(half))

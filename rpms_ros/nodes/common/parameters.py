@@ -215,24 +215,28 @@ def declare_parameters(
         plain = (list(default) or kind) if isinstance(default, tuple) else default
         declared = node.declare_parameter(name, plain, descriptor).value
         values[name] = tuple(declared) if isinstance(default, tuple) else declared
-    _warn_of_unknown(node, given, list(values) if refuse_misspelt else [])
+    _warn_of_unknown(node, list(values) if refuse_misspelt else [])
     try:
         return settings(**values)
     except RpmsError as error:
         raise NodeError(f'parameters of {node.get_name()}: {error}') from error
 
 
+def _unknown(node: Node) -> list[str]:
+    """Return the names of parameters that are given and none of the node's."""
+    return list(filterfalse(node.has_parameter, getattr(node, '_parameter_overrides', {})))
+
+
 def refuse_unknown(node: Node) -> None:
     """Raise `NodeError` for parameters that are given and none of the node's."""
-    given: dict[str, Parameter] = getattr(node, '_parameter_overrides', {})
-    if unknown := list(filterfalse(node.has_parameter, given)):
+    if unknown := _unknown(node):
         raise NodeError(f'expected parameters of {node.get_name()}, got {", ".join(unknown)}')
 
 
-def _warn_of_unknown(node: Node, given: dict[str, Parameter], known: list[str]) -> None:
+def _warn_of_unknown(node: Node, known: list[str]) -> None:
     """Warn of unknown names; raise `NodeError` for one that is much like a `known` one."""
     # A file may hold parameters of several nodes, so this alone is not an error.
-    for name in filterfalse(node.has_parameter, given):
+    for name in _unknown(node):
         written = name.rpartition('.')[-1].casefold()
         for meant in difflib.get_close_matches(written, known, 1, _ALIKE):
             raise NodeError(f'expected a parameter of {node.get_name()} as {meant}, got {name}')

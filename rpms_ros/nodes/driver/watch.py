@@ -339,15 +339,9 @@ class DriverWatch:
     def _look_at_graph(self) -> None:
         topic = self._driver.resolve_topic_name(topics.EMERGENCY_STOP)
         self._buttons.present(publishers_of(self._node, topic))
-        before, found = self._twice, {UNIQUE: others_of_this_name(self._driver), SENSORS: ''}
-        force = self._driver.resolve_topic_name(topics.FORCE)
-        sensors = publishers_of(self._node, force)
-        if len(sensors) > 1 and self._controller.settings.force_limit_n > 0.0:
-            # one that falls silent would not be noticed
-            names = ', '.join(sorted(sensors.values()))
-            found[SENSORS] = f'expected one publisher of {force}, got {names}'
-        self._twice = found
-        for name, problem in found.items():
+        before, sensors = self._twice, self._other_sensors()
+        self._twice = {UNIQUE: others_of_this_name(self._driver), SENSORS: sensors}
+        for name, problem in self._twice.items():
             if not problem:
                 self._controller.interlocks.close(name)
             elif before[name]:
@@ -355,6 +349,14 @@ class DriverWatch:
             elif self._controller.state not in POSSIBLE:
                 # arming is refused at once, a train is stopped when it is seen again
                 self._controller.interlocks.open(name, problem)
+
+    def _other_sensors(self) -> str:
+        """Return why a limited force may fall silent unnoticed, empty if it may not."""
+        if not self._controller.settings.force_limit_n > 0.0:
+            return ''
+        force = self._driver.resolve_topic_name(topics.FORCE)
+        names = sorted(publishers_of(self._node, force).values())
+        return f'expected one publisher of {force}, got {", ".join(names)}' if names[1:] else ''
 
     def _judge_buttons(self, now_ns: int) -> None:
         problem, pressed = self._buttons.problem(now_ns), self._buttons.pressed

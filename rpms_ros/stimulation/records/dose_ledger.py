@@ -432,7 +432,7 @@ class DoseLedger(MemoryLedger):
         self._session = secrets.token_hex(4)
         self._batches = 0
         self._files: list[ChainedFile] = []
-        self._broken: str | None = 'one that was not opened'
+        self._broken: str | None = None
         readers = [
             LedgerReader('device', device, patient, self._clocks, horizon),
             LedgerReader('patient', patient, device, self._clocks, horizon),
@@ -442,7 +442,6 @@ class DoseLedger(MemoryLedger):
                 self._files.append(_opened(folder, reader))
             for reader, other in (readers, readers[::-1]):
                 require_all(reader, sorted(folder.glob(f'{other.owner}-*.ledger')))
-            self._broken = None
             self._past = self._agree(*readers)
             self._opened_ns = self._clocks.boot_ns()
         except StimulationError as fault:
@@ -483,8 +482,7 @@ class DoseLedger(MemoryLedger):
         with suppress(LedgerError):
             self.settle()
             # a wall clock that was set since the last pulse tells how old that is
-            if self._broken is None:
-                self._write_unfired([])
+            self._write_unfired([])
         self._broken = self._broken or 'a closed ledger'
         for file in self._files:
             file.close()
