@@ -121,9 +121,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         code: int = arguments.run(arguments)
         sys.stdout.flush()
-    except RpmsError as error:
-        print(f'rpms: error: {printable(str(error))}', file=sys.stderr)
-        return FAILURE
     except ModuleNotFoundError as error:
         root = (error.name or '').partition('.')[0]
         if root == 'rpms_ros':
@@ -134,6 +131,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         # The reader has closed our output: nothing may be flushed into it any more.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return SUCCESS
+    # the system says what of a path it cannot take, such as a name of 300 letters
+    except (RpmsError, OSError) as error:
+        print(f'rpms: error: {printable(str(error))}', file=sys.stderr)
+        return FAILURE
     except KeyboardInterrupt:
         print('rpms: interrupted', file=sys.stderr)
         return INTERRUPTED
