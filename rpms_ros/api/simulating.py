@@ -30,12 +30,12 @@ from rpms_ros.stimulation import (
     paper_sinusoid,
     staircase,
 )
+from rpms_ros.stimulation.schedule.segments import LEVELS
 
 SCHEDULES = ('uniform_random', 'sinusoid', 'staircase', 'constant')
 """Schedules that have a name here."""
 START_NS = 1_700_000_000 * NANOSECONDS_PER_SECOND
 """A fixed time, so that the same options make the same session in every bit [ns]."""
-_STAIRS = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
 _HIGHEST_RATE = 1e6
 TRUTH_RATE = 10.0
 """How often the truth of a muscle that changes is noted [Hz]."""
@@ -125,7 +125,7 @@ def named_schedule(
     known: dict[str, Callable[[], Schedule]] = {
         'uniform_random': lambda: paper_random(duration, rate_hz, seed),
         'sinusoid': lambda: paper_sinusoid(duration, rate_hz),
-        'staircase': lambda: staircase(_STAIRS, duration / len(_STAIRS), rate_hz),
+        'staircase': lambda: staircase(LEVELS, duration / len(LEVELS), rate_hz),
         'constant': lambda: constant(intensity, duration, rate_hz),
     }
     if name in known:

@@ -19,7 +19,7 @@ from rpms_ros.identification.analysis.trains import evenly
 from rpms_ros.identification.model.estimate import Estimate
 from rpms_ros.identification.quality.doubts import MEANING, meaning_of_doubt
 from rpms_ros.live.force_course import BIN_NS, ForceBins, ModelledForce
-from rpms_ros.live.topic_health import MOST_NAMES, OK, SILENT, Topic, number, numbers, text, texts
+from rpms_ros.live.topic_health import MOST_NAMES, OK, SILENT, Topic, number, numbers, text
 from rpms_ros.muscle.recruitment import PARAMETER_NAMES
 from rpms_ros.printable import counted
 from rpms_ros.pulses import FloatArray, IntArray, Pulse
@@ -140,6 +140,7 @@ def estimate_view(estimate: Estimate, origin_ns: int) -> dict[str, Any]:
     stamp = (estimate.stamp_ns - origin_ns) * _NANOSECONDS
     unit = text(estimate.unit) or 'N'
     meanings = [_plain(meaning_of_doubt(name)) for name in estimate.doubts[:MOST_NAMES]]
+    reasons = [text(one) for one in estimate.reasons if _plain(one) not in meanings]
     return {
         'estimator': text(estimate.estimator),
         'unit': unit,
@@ -156,7 +157,7 @@ def estimate_view(estimate: Estimate, origin_ns: int) -> dict[str, Any]:
         'marks': _pairs(estimate.change_kinds, numbers(stamp - estimate.change_ago), newest=True),
         'doubts': _pairs(estimate.doubts, meanings),
         # some are the meaning of a doubt, which is shown with its name
-        'reasons': texts(one for one in estimate.reasons if _plain(one) not in meanings),
+        'reasons': reasons[:MOST_NAMES],
         'faults': [
             [text(name), int(count), _plain(MEANING.get(name, ''))]
             for name, count in list(estimate.faults.items())[:MOST_NAMES]

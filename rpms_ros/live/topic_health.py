@@ -32,11 +32,6 @@ def text(value: object) -> str:
     return shown if len(shown) <= LONGEST_TEXT else f'{shown[:LONGEST_TEXT]} …'
 
 
-def texts(values: Iterable[object]) -> list[str]:
-    """Return the first texts of many."""
-    return [text(value) for _, value in zip(range(MOST_NAMES), values, strict=False)]
-
-
 OK, QUIET, SILENT, NEVER = 'ok', 'quiet', 'silent', 'never'
 # Seconds over which a rate is counted.
 _SPAN = 3.0

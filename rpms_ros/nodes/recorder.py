@@ -129,17 +129,6 @@ class RecorderParameters(NodeParameters):
     )
 
 
-@dataclass
-class _Topic:
-    """One topic that is heard."""
-
-    name: str
-    kind: Any
-    ear: QueuedTopic
-    number: int | None = None
-    """In the recording, once a message has come."""
-
-
 class Recorder(NodeOfParts):
     """Recorder of a session; keyword arguments go to `rclpy.node.Node`."""
 
@@ -160,7 +149,9 @@ class Recorder(NodeOfParts):
             raise NodeError(str(error)) from error
         self._closed = False
         self.counts = dict.fromkeys(_TOPICS, 0)
-        self._topics: dict[str, _Topic] = {}
+        self._ears: dict[str, QueuedTopic] = {}
+        # in the recording, once a message has come
+        self._numbers: dict[str, int] = {}
         self._told: dict[str, int] = {}
         # an open recording is ended properly, whatever fails from here on
         self._parts.callback(self.close)
@@ -168,7 +159,7 @@ class Recorder(NodeOfParts):
             self, 'recording', f'recording {self.path.resolve()}'
         )
         for name, (kind, profile) in _TOPICS.items():
-            self._topics[name] = _Topic(name, kind, QueuedTopic(self, second, kind, name, profile))
+            self._ears[name] = QueuedTopic(self, second, kind, name, profile)
         every(self, _LISTENING_PERIOD, self._take)
         every(self, FLUSH_PERIOD_S, self._flush)
         every(self, PERIOD_S, self._report)
@@ -183,36 +174,36 @@ class Recorder(NodeOfParts):
     @property
     def lost(self) -> dict[str, int]:
         """Messages that are missing in the numbers of their publisher, by topic."""
-        return {topic.name: topic.ear.lost for topic in self._topics.values() if topic.ear.lost}
+        return {name: ear.lost for name, ear in self._ears.items() if ear.lost}
 
     def _take(self) -> None:
         """Write the new messages in the order of their arrival."""
         if self._closed:
             return
-        found: list[tuple[int, int, _Topic, bytes]] = []
-        for topic in self._topics.values():
+        found: list[tuple[int, int, str, bytes]] = []
+        for name, ear in self._ears.items():
             arrived_ns = 0
-            for taken in topic.ear.taken():
+            for taken in ear.taken():
                 received_ns = taken.received_ns or time.time_ns()
                 # A clock that is set back must not change the order within a topic.
                 arrived_ns = max(arrived_ns, received_ns)
-                found.append((arrived_ns, received_ns, topic, taken.data))
-        for _, received_ns, topic, data in sorted(found, key=itemgetter(0)):
-            if topic.number is None:
+                found.append((arrived_ns, received_ns, name, taken.data))
+        for _, received_ns, name, data in sorted(found, key=itemgetter(0)):
+            if name not in self._numbers:
                 # Its publisher is known only now, with its quality of service.
-                infos = self.get_publishers_info_by_topic(topic.name)
-                kind = topics.type_name_of(topic.kind)
+                infos = self.get_publishers_info_by_topic(name)
+                kind = topics.type_name_of(_TOPICS[name][0])
                 profiles = [_recorded(one.qos_profile) for one in infos]
-                topic.number = self._writer.add_topic(topic.ear.name, kind, profiles)
-            self.counts[topic.name] += 1
-            self._writer.append(topic.number, received_ns, data)
+                self._numbers[name] = self._writer.add_topic(self._ears[name].name, kind, profiles)
+            self.counts[name] += 1
+            self._writer.append(self._numbers[name], received_ns, data)
 
     def _look(self) -> None:
         """Look at the publishers."""
-        for topic in self._topics.values():
-            if topic.ear.look():
+        for ear in self._ears.values():
+            if ear.look():
                 how = 'published best effort: it is recorded, and messages may be lost'
-                logger_of(self).warning(f'{topic.ear.name} is {how}')
+                logger_of(self).warning(f'{ear.name} is {how}')
 
     def _report(self) -> None:
         """Publish the health of the recorder."""
@@ -221,7 +212,7 @@ class Recorder(NodeOfParts):
         before, self._told = self._told, self.lost
         for name, count in self._told.items():
             if count != before.get(name):
-                heard = self._topics[name].ear.name
+                heard = self._ears[name].name
                 logger_of(self).warning(f'{count} messages of {heard} were lost so far')
         self._diagnostics.publish(recorder_health(self.path, self.counts, self._told))
 
@@ -242,7 +233,7 @@ class Recorder(NodeOfParts):
         with suppress(RecordingError):
             self._take()
         self._closed = True
-        ears = [topic.ear for topic in self._topics.values()]
+        ears = self._ears.values()
         lost = {ear.name: ear.lost for ear in ears}
         publishers = {ear.name: ear.publishers for ear in ears}
         for key, counts in ((PUBLISHERS_KEY, publishers), (LOST_KEY, lost)):

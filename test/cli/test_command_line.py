@@ -217,5 +217,6 @@ def test_linear_algebra_has_one_thread(started):
 def test_what_the_system_says_of_a_path_is_one_line(capsys):
     assert main(['identify', 'a' * 300]) == options.FAILURE
     err = capsys.readouterr().err
-    assert err.startswith('rpms: error: ') and err.count('\n') == 1
+    assert err.startswith('rpms: error: ')
+    assert err.count('\n') == 1
     assert 'File name too long' in err

@@ -102,7 +102,7 @@ def test_a_topic_is_recorded_with_the_quality_of_its_publishers(graph, tmp_path)
     graph.wait_for(lambda: pulses[0].get_subscription_count() == 1)
     pulses[0].publish(messages.pulse_message(Pulse(10**18, 0.5), MESSAGE_TYPES))
     graph.wait_for(lambda: recorder.counts['pulses'] == 1)
-    graph.wait_for(lambda: recorder._topics['pulses'].ear.publishers == 2)
+    graph.wait_for(lambda: recorder._ears['pulses'].publishers == 2)
     recorder.close()
     with Reader(path) as reader:
         found = {each.topic: each for each in reader.connections}
@@ -166,7 +166,7 @@ def test_a_best_effort_sensor_is_recorded_whoever_else_is_on_the_graph(graph, tm
     reliable = Source(graph)
     # both of its subscriptions hear this one
     graph.wait_for(lambda: reliable._force.get_subscription_count() == 2)
-    graph.wait_for(lambda: recorder._topics['force'].ear.publishers == 2)
+    graph.wait_for(lambda: recorder._ears['force'].publishers == 2)
     before = recorder.counts['force']
     for _ in range(10):
         sensor.publish(sample)

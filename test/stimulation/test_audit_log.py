@@ -60,7 +60,6 @@ def test_a_change_is_found_at_its_first_record_and_nothing_is_added(path, change
     path.write_bytes(b''.join(change(lines)))
     found = verify_log(path)
     assert found.fault
-    assert found.line == line
     assert len(found.records) == line - 1
     assert f'line {line}: expected the next record of the chain' in found.fault
     with pytest.raises(StimulationError, match=f'line {line}: expected the next record'):
@@ -86,7 +85,7 @@ def test_a_line_cut_off_by_a_kill_is_marked_and_the_log_goes_on(path, cut):
     data = bytearray(path.read_bytes())
     data[len(whole) - cut - 5] ^= 1
     path.write_bytes(data)
-    assert verify_log(path).line == 4
+    assert 'line 4: ' in verify_log(path).fault
 
 
 def test_on_a_full_disk_nothing_is_written_behind_a_line_cut_off(path, monkeypatch):

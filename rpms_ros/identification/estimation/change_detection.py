@@ -38,7 +38,6 @@ from rpms_ros.identification.estimation.prior import WindowPrior
 from rpms_ros.identification.estimation.settings import Problem
 from rpms_ros.identification.estimation.window_equations import (
     Origin,
-    Point,
     steady,
     time_scale_derivative,
 )
@@ -86,41 +85,21 @@ class Snapshot(NamedTuple):
     ----------
     stamp_ns : int
         When [ns].
-    point : Point
-        The muscle.
     covariance : ndarray (nonlinear + functions, nonlinear + functions)
         Of theta and w.
     levels : ndarray (2,)
         The newest two knots of the disturbance [N].
-    level_deviation : float
-        Of the newest [N].
     number : int
         Number of the interval that ends with the newest knot.
     fit : WindowFit
-        Scales, variance.
+        The muscle, scales, variance.
     """
 
     stamp_ns: int
-    point: Point
     covariance: FloatArray
     levels: FloatArray
-    level_deviation: float
     number: int
     fit: WindowFit
-
-
-def snapshot(fit: WindowFit, stamp_ns: int) -> Snapshot:
-    """Return the snapshot of a fit at a time [ns]."""
-    joint = len(fit.point.theta) + len(fit.point.linear)
-    return Snapshot(
-        stamp_ns=stamp_ns,
-        point=fit.point,
-        covariance=fit.covariance[:joint, :joint].copy(),
-        levels=fit.levels[-2:].copy(),
-        level_deviation=fit.level_deviation,
-        number=fit.first + len(fit.levels) - 2,
-        fit=replace(fit),
-    )
 
 
 class Present(NamedTuple):
@@ -205,7 +184,7 @@ def after(before: Snapshot, kind: str, knowledge: WindowPrior, window: Window) -
     window : Window
         Until now; in its pauses the muscle recovers.
     """
-    point = before.point
+    point = before.fit.point
     distance = (window.now_ns - before.stamp_ns) / window.length_ns
     ages = window.knots[0] - window.knots
     rested = any(pause and age < distance for age, pause in zip(ages, window.pauses, strict=False))
@@ -234,7 +213,7 @@ def _start(before: Snapshot, window: Window, kind: str, force: float) -> StartLe
     reach = min(max(float(ahead), 0.0), 2.0)
     levels = before.levels[1] + slope * np.array([reach - 1.0, reach])
     deviation = (
-        before.level_deviation
+        before.fit.level_deviation
         + LIVELINESS[before.fit.scales.lively] * force * (1.0 + reach)
         + 0.5 * abs(slope) * reach
     )
@@ -257,8 +236,8 @@ def explain(
 
     `known` is what is known after a change of this kind, see `after`.
     """
-    unknowns = len(before.point.theta) + len(before.point.linear)
-    point = steady(before.point.theta, before.point.linear)
+    unknowns = len(before.fit.point.theta) + len(before.fit.point.linear)
+    point = steady(before.fit.point.theta, before.fit.point.linear)
     scales = replace(before.fit.scales, disturbance=disturbance, increment=0, thresholds=0)
     fit = replace(
         before.fit,
@@ -379,8 +358,16 @@ class ChangeWatch:
         """
         return first_ns if self._named is None else min(first_ns, self._named.before.stamp_ns)
 
-    def remember(self, snapshot: Snapshot) -> None:
-        """Keep a snapshot of the fit."""
+    def remember(self, fit: WindowFit, stamp_ns: int) -> None:
+        """Keep a snapshot of the fit at a time [ns]."""
+        joint = len(fit.point.theta) + len(fit.point.linear)
+        snapshot = Snapshot(
+            stamp_ns=stamp_ns,
+            covariance=fit.covariance[:joint, :joint].copy(),
+            levels=fit.levels[-2:].copy(),
+            number=fit.first + len(fit.levels) - 2,
+            fit=replace(fit),
+        )
         self._snapshots.append(snapshot)
 
     def forget(self) -> None:
@@ -489,7 +476,7 @@ def first_block_after(problem: Problem, stamp_ns: int) -> int:
 
 def origin_of(before: Snapshot) -> Origin:
     """Return the muscle of a snapshot, which acts until a change right after it."""
-    return Origin(before.stamp_ns + 1, before.point.theta, before.point.linear)
+    return Origin(before.stamp_ns + 1, before.fit.point.theta, before.fit.point.linear)
 
 
 def _of_muscle(found: Mapping[str, Explanation]) -> Explanation | None:

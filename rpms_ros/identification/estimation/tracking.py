@@ -36,7 +36,6 @@ from rpms_ros.identification.estimation.change_detection import (
     Present,
     first_block_after,
     origin_of,
-    snapshot,
 )
 from rpms_ros.identification.estimation.estimator import ProjectionEstimator
 from rpms_ros.identification.estimation.normal_equations import near_knots
@@ -546,7 +545,7 @@ class TrackingEstimator(ProjectionEstimator):
                 self._window.left_out = short_events(self._window, at)
             self._doubt_what_is_from_before(self._span())
             if self._find and self._window.variance > 0.0:
-                self._watch.remember(snapshot(self._window, window.now_ns))
+                self._watch.remember(self._window, window.now_ns)
             self._look_back()
         self._predict_by_window(INTERVAL_NS)
 

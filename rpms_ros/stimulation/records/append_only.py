@@ -34,17 +34,10 @@ _TAIL = re.compile(rb',"previous":"([0-9a-f]{64})","hash":"([0-9a-f]{64})"\}\Z')
 
 
 class ChainError(StimulationError):
-    """A file does not hold the chain that it should.
-
-    Attributes
-    ----------
-    line : int
-        Where, from 1; 0 for the file as a whole.
-    """
+    """A file does not hold the chain that it should, at a line from 1 or, with 0, as a whole."""
 
     def __init__(self, path: Path, line: int, fault: str) -> None:
         super().__init__(f'{path}: line {line}: {fault}' if line else f'{path}: {fault}')
-        self.line = line
 
 
 class Record(NamedTuple):
@@ -360,9 +353,7 @@ class Audit(NamedTuple):
     records : tuple of Record
         All of them up to the first broken one.
     fault : str
-        What is wrong with the first broken record; empty if the chain holds.
-    line : int
-        Where that is, from 1; 0 for none or the file as a whole.
+        What is wrong with the first broken record, and in which line; empty if the chain holds.
     torn : int
         Bytes behind the last whole line.
     hash : str
@@ -371,7 +362,6 @@ class Audit(NamedTuple):
 
     records: tuple[Record, ...]
     fault: str
-    line: int
     torn: int
     hash: str
 
@@ -388,11 +378,9 @@ def verify_log(path: Path, purpose: str | None = AUDIT_LOG) -> Audit:
     """
     chain = Chain(path, purpose)
     found: list[Record] = []
-    fault, line = '', 0
     try:
         found.extend(chain.records())
-        if not found:
-            fault = f'{path}: expected at least one record, got none'
+        fault = '' if found else f'{path}: expected at least one record, got none'
     except ChainError as error:
-        fault, line = str(error), error.line
-    return Audit(tuple(found), fault, line, len(chain.torn), chain.hash)
+        fault = str(error)
+    return Audit(tuple(found), fault, len(chain.torn), chain.hash)

@@ -15,6 +15,7 @@ import numpy as np
 from rpms_ros.errors import StimulationError, check_seed
 from rpms_ros.stimulation.schedule.schedule import Pause, Repeat, Schedule, Segment
 from rpms_ros.stimulation.schedule.segments import (
+    LEVELS,
     Constant,
     PulseBurst,
     Single,
@@ -50,7 +51,7 @@ def paper_sinusoid(
 
 
 def staircase(
-    levels: Sequence[float] = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0),
+    levels: Sequence[float] = LEVELS,
     step_s: float = 3.0,
     rate_hz: float = PAPER_RATE_HZ,
     catch_share: float | None = None,

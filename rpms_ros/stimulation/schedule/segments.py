@@ -26,6 +26,9 @@ from rpms_ros.stimulation.schedule.schedule import (
 RATE = Bound(LOWEST_RATE_HZ, HIGHEST_RATE_HZ, 'Hz')
 SEED = Bound(0, 2**53, whole=True, optional=True)
 
+# Of a staircase that states none.
+LEVELS = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
+
 # Rate times duration is rarely a whole number in floating point; a millionth of a period decides
 # whether the pulse at the very end belongs to the segment (it does not).
 _PERIOD_SLACK = 1e-6
@@ -145,9 +148,7 @@ class Staircase(Gradual):
     """Levels of equal length, one after another."""
 
     kind: ClassVar[str] = 'staircase'
-    levels: tuple[float, ...] = bounded(
-        Bound(0.0, 1.0, several=True), (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
-    )
+    levels: tuple[float, ...] = bounded(Bound(0.0, 1.0, several=True), LEVELS)
 
     def course(self, onset_s: FloatArray) -> FloatArray:
         """Return the level of the step that each onset falls into."""
