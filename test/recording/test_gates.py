@@ -133,6 +133,19 @@ def test_a_column_of_intensities_is_told_and_taken(tmp_path, title):
     assert 'warning' not in dict(found.facts)
 
 
+def test_shares_below_a_title_of_per_cent_are_not_divided_by_a_hundred(tmp_path):
+    # as a workbook stores what it shows as 80 %
+    held = np.repeat(SHARES, 50)
+    held = np.concatenate((np.zeros(PLACES[0]), held, np.zeros(COUNT)))[:COUNT]
+    title, given = 'Intensity [%]', (tmp_path / 'a.csv', gate(), held)
+    with pytest.raises(
+        RecordingError, match=r'expected intensities in % .*, got 1 at most: --int'
+    ):
+        imported(*given, title=f',{title}', intensity=title)
+    found = imported(*given, title=f',{title}', intensity=f'{title}/1')
+    np.testing.assert_allclose(found.pulses.intensity, SHARES)
+
+
 def test_intensities_from_a_file(tmp_path):
     shares = tmp_path / 'shares.txt'
     np.savetxt(shares, SHARES)

@@ -342,6 +342,30 @@ def test_xdf(tmp_path):
     # pyxdf draws a straight line through the stamps of a regular stream: within a microsecond
     np.testing.assert_allclose(forces.stamp_ns, 1e9 * TIME, atol=1000.0)
     np.testing.assert_allclose(pulses.onset_ns, [1e6 * place for place in ONSETS], atol=1000.0)
+    whole = path.read_bytes()
+    for damaged in (whole[: len(whole) // 2], whole[:2000] + bytes(40) + whole[2040:]):
+        path.write_bytes(damaged)
+        with pytest.raises(RecordingError, match=r'expected an XDF file at .*got damage: '):
+            read_signals(path)
+
+
+def test_samples_that_the_streaming_layer_lost_move_no_stamp_of_the_others(tmp_path):
+    pytest.importorskip('pyxdf')
+    path, header = tmp_path / 'session.xdf', XDF_HEADER.format('force', 1000, 'double64')
+
+    def force(times):
+        stamped = (
+            b'\x08' + np.float64(5.0 + t).tobytes() + np.float64(t).tobytes() for t in times
+        )
+        path.write_bytes(b'XDF:' + xdf_stream(1, header, b''.join(stamped), len(times)))
+        return read_signals(path)
+
+    kept = np.r_[0:80, 120:200] * 1e-3
+    found = force(kept)
+    np.testing.assert_allclose(found.signals[0].time, kept, atol=1e-6)
+    # of a buffer of 16 ms, which is what the straight line is for
+    found = force(np.arange(200) // 16 * 16e-3)
+    np.testing.assert_allclose(np.diff(found.signals[0].time), 1e-3, rtol=0.1)
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ Of MATLAB every vector and every column of a matrix, in structures too; of Excel
 table, its numbers below a header; of XDF the streams of the Lab Streaming Layer, put on one clock.
 """
 
+import logging
 import pickle
 import re
 import signal
@@ -205,8 +206,11 @@ def read_xdf(path: Path) -> SignalFile:
         If pyxdf is not installed or the file is damaged.
     """
     pyxdf = needed('pyxdf', f'an XDF file ({path})')
+    logging.getLogger('pyxdf.pyxdf').addFilter(_told_by_pyxdf)
+    # a straight line is drawn through the stamps between breaks: there samples were lost
+    breaks = {'jitter_break_threshold_seconds': 0.02, 'jitter_break_threshold_samples': 2}
     with _read_as('an XDF file', path):
-        streams, _ = pyxdf.load_xdf(str(path), verbose=False)
+        streams, _ = pyxdf.load_xdf(str(path), verbose=False, **breaks)
         signals, events = _sorted(streams)
     begins = [one.time[0] for one in signals if one.time is not None and len(one.time)]
     if not begins:
@@ -215,6 +219,13 @@ def read_xdf(path: Path) -> SignalFile:
     sampled = (replace(one, time=one.time - start) for one in signals if one.time is not None)
     marks = (replace(one, time=one.time - start) for one in events)
     return SignalFile(path, 'XDF', tuple(sampled), tuple(marks))
+
+
+def _told_by_pyxdf(record: logging.LogRecord) -> bool:
+    """Refuse damage, of which pyxdf gives the rest; drop what else it says."""
+    if record.levelno >= logging.ERROR:
+        raise ValueError('damage: ' + record.getMessage().partition(',')[0])
+    return False
 
 
 def _sorted(streams: list[dict[str, Any]]) -> tuple[list[Signal], list[Events]]:

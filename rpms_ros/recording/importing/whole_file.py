@@ -158,7 +158,7 @@ def _intensities(
     """Return the column or file that `text` names, and the shares in it (pulses,)."""
     name, slash, full = text.rpartition('/')
     if file.signal(text) or not (slash and file.signal(name)):
-        name, full = text, '1'
+        name, slash, full = text, '', '1'
     try:
         scale = 1.0 / float(full)
     except (ValueError, ZeroDivisionError) as error:
@@ -182,7 +182,7 @@ def _intensities(
         if len(shares) != len(pulses):
             fault = f'expected the intensity of each of {len(pulses)} pulses in {name}'
             raise RecordingError(f'{fault}, got {len(shares)}')
-    shares = shares * (scale / 100.0 if found.unit == '%' else scale)
+    shares = _of_per_cent(name, shares) if found.unit == '%' and not slash else shares * scale
     if (wrong := np.flatnonzero(~((shares >= 0.0) & (shares <= 1.0)))).size:
         raise RecordingError(
             f'expected intensities from 0 to 1 in {name!r}, or in a column with the unit %, got '
@@ -190,6 +190,14 @@ def _intensities(
             'the value of the maximum'
         )
     return name, shares
+
+
+def _of_per_cent(name: str, values: FloatArray) -> FloatArray:
+    """Return shares of intensities in per cent; a workbook has 0.8 where it shows 80 %."""
+    if (most := values.max(initial=0.0)) <= 1.0:
+        fault = f'expected intensities in % in {name!r}, got {most:.4g} at most'
+        raise RecordingError(f'{fault}: --intensity COLUMN/FULL divides by the maximum')
+    return values / 100.0
 
 
 def _converted(
