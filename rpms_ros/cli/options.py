@@ -133,7 +133,7 @@ def add_estimator_options(parser: argparse.ArgumentParser) -> None:
     add_preset_option(group)
     text = 'repetition rate for which the recruitment curve is stated [Hz]'
     add_option(group, '--rate-hz HZ', 20.0, text)
-    add_option(group, '--seed', 0, "of the estimator's random start")
+    add_option(group, '--seed', 0, 'of the random start that presets of the paper have')
 
 
 def add_preset_option(parser: 'argparse._ActionsContainer') -> None:
@@ -184,9 +184,7 @@ def verdict_code(grade: str, recording: 'Recording') -> int:
 
 
 # What has no meaning for a file of a laboratory.
-_OF_RECORDINGS = {
-    'pulses_topic': 'pulses', 'force_topic': 'force', 'axis': 'z', 'max_memory': None,
-}  # fmt: skip
+_OF_RECORDINGS = ('pulses_topic', 'force_topic', 'axis', 'max_memory')
 
 
 def read(path: Path, arguments: argparse.Namespace) -> 'Recording':
@@ -198,7 +196,8 @@ def read(path: Path, arguments: argparse.Namespace) -> 'Recording':
         from rpms_ros.recording.importing import ImportOptions, is_foreign
 
         if is_foreign(path):
-            for name, default in _OF_RECORDINGS.items():
+            for name in _OF_RECORDINGS:
+                default = arguments.parser.get_default(name)
                 if getattr(arguments, name, default) != default:
                     option = name.replace('_', '-')
                     raise RecordingError(f'expected --{option} with a recording, got {path}')

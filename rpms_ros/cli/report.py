@@ -24,6 +24,7 @@ from rpms_ros.cli.options import (
     verdict_code,
     warn,
 )
+from rpms_ros.errors import ReportError
 from rpms_ros.report.text import write_text
 
 
@@ -64,6 +65,8 @@ def run(arguments: argparse.Namespace) -> int:
     from rpms_ros.report.session_report import report_of
     from rpms_ros.schema import plain
 
+    if arguments.out.exists() and arguments.out.suffix not in ('.html', '.htm'):
+        raise ReportError(f'expected a page (.html) with --out, got a file {arguments.out}')
     options = options_of(IdentificationOptions, arguments)
     recording = read(arguments.bag, arguments)
     messages = RecordedMessages()

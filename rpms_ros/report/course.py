@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.special import ndtri
 
 from rpms_ros.axis import QUANTITIES
 from rpms_ros.identification import NOT_INFORMED, Estimate, IdentifiedSession
@@ -16,6 +15,7 @@ from rpms_ros.identification.analysis.trains import evenly
 from rpms_ros.identification.quality.doubts import MEANING, NO_CONSTANT_MUSCLE, REASON
 from rpms_ros.identification.quality.explained_force import Stated, informed_physiology
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray
+from rpms_ros.report.text import interval_of
 from rpms_ros.schema import documented
 
 MOST_SHOWN = 300
@@ -136,7 +136,7 @@ class Course:
     def disturbance(self) -> TimeCourse:
         """Force that the stimulation does not cause, with two standard deviations each side."""
         return _path(
-            _banded(one.disturbance, one.disturbance_deviation, 0.95)
+            _banded('', one.disturbance, one.disturbance_deviation, 0.95)
             if one.disturbance_deviation > 0.0
             else None
             for one in self.estimates
@@ -183,16 +183,13 @@ def _parameter(one: Estimate, name: str) -> Stated | None:
     flags = one.nonlinear_identifiability
     if not one.samples or (len(flags) > index and flags[index] == NOT_INFORMED):
         return None
-    value = float(one.nonlinear[index])
-    if len(one.nonlinear_covariance) <= index or not one.confidence:
-        return Stated(value, np.nan, np.nan)
-    variance = max(float(one.nonlinear_covariance[index, index]), 0.0)
-    return _banded(value, variance**0.5, one.confidence)
+    covariance = one.nonlinear_covariance
+    variance = max(float(covariance[index, index]), 0.0) if len(covariance) > index else np.nan
+    return _banded(name, float(one.nonlinear[index]), variance**0.5, one.confidence)
 
 
-def _banded(value: float, deviation: float, confidence: float) -> Stated:
-    half = float(ndtri(0.5 + 0.5 * confidence)) * deviation
-    return Stated(value, value - half, value + half)
+def _banded(name: str, value: float, deviation: float, confidence: float) -> Stated:
+    return Stated(value, *(interval_of(name, value, deviation, confidence) or (np.nan, np.nan)))
 
 
 def _warnings(before: Estimate, one: Estimate) -> list[str]:

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rpms_ros.cli.options import FAILURE
 from rpms_ros.recording import read_recording, session_hash, write_recording
 from rpms_ros.recording.rosbag.definitions import encoded, known_types
 from rpms_ros.recording.rosbag.reading import ACCEPTED_SCHEDULE
@@ -54,6 +55,14 @@ def test_what_is_stated_goes_into_the_page(rpms, short_session, tmp_path):
     assert f'\n{page}: ' in out
     document = embedded(page.read_text())
     assert document['title'] == 'Leg 7'
+
+
+def test_a_file_that_is_no_page_is_not_replaced(rpms, short_session, tmp_path):
+    kept = tmp_path / 'session.csv'
+    kept.write_text('t,f\n')
+    code, _, err = rpms('report', short_session, '--out', kept)
+    assert (code, kept.read_text()) == (FAILURE, 't,f\n')
+    assert err == f'rpms: error: expected a page (.html) with --out, got a file {kept}\n'
 
 
 TEXT = 'name: warm-up\nsegments: [{kind: single, intensity: 1}]\n'

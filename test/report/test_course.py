@@ -42,6 +42,10 @@ def test_forces_and_parameters_have_their_intervals(made_up, course):
     # 1.96 standard deviations of 0.01
     np.testing.assert_allclose(threshold.upper - threshold.value, 0.0196, rtol=1e-3)
     assert found.has_course
+    # of a sharpness symmetric in its logarithm, as in the table
+    sharpness = found.parameter('alpha_sat')
+    np.testing.assert_allclose(sharpness.upper * sharpness.lower, sharpness.value**2)
+    assert (sharpness.lower > 0.0).all()
 
 
 def test_what_is_not_known_is_left_out(made_up, course):
