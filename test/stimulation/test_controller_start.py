@@ -15,7 +15,7 @@ from rpms_ros.stimulation.driver.controller import StimulationController
 from rpms_ros.stimulation.driver.safety_monitor import Refused
 from rpms_ros.stimulation.driver.states import Command, DriverSettings, State
 from rpms_ros.stimulation.limits.device_specification import load_device_specification
-from rpms_ros.stimulation.limits.limiter import DoseLimits, Limits
+from rpms_ros.stimulation.limits.limiter import DoseLimits, Interlocked, Limits
 from rpms_ros.stimulation.records.dose_ledger import DoseLedger, MemoryLedger
 
 DO = {
@@ -103,6 +103,13 @@ def test_stop_in_the_middle_of_every_transition(state, command, driver_in):
         driver.controller.start(SHORT)
     with pytest.raises(StimulationError):
         driver.controller.arm()
+
+
+def test_a_goal_after_a_stop_is_told_of_the_stop(virtual):
+    driver = virtual().armed()
+    driver.controller.stop('test', 'pressed')
+    with pytest.raises(Interlocked, match='expected the latched stop to be reset, got: pressed'):
+        driver.controller.start(TRAIN)
 
 
 def test_a_run_is_told_once_nothing_stands_against_it_and_before_its_first_pulse(virtual):

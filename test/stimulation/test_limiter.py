@@ -11,7 +11,7 @@ import pytest
 from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation import Pause, Schedule, Single, constant, paper_random, paper_sinusoid
 from rpms_ros.stimulation.limits.forecast import forecast
-from rpms_ros.stimulation.limits.limiter import BookedPulse, Limits, PulseLimiter
+from rpms_ros.stimulation.limits.limiter import BookedPulse, DoseLimits, Limits, PulseLimiter
 
 WIDTH = 100e-6
 IN_STEP = 'expected as many rate_limits_hz, descending, as rate_intensities, ascending'
@@ -193,6 +193,13 @@ def test_the_paper_exceeds_the_device(rapid):
     assert {found.limit for found in random.violations} >= {'rate_limits_hz', 'continuous_power_w'}
     # energy over power, less the 90 s that the train lasted
     assert sinusoid.waits_s == pytest.approx((170_100 / 1050 - 90,), rel=1e-9)
+
+
+def test_a_dose_that_is_just_used_up_is_not_exceeded_by_rounding(rapid):
+    pulses = constant(0.3, 1.0, 10.0)
+    for most, exceeded in ((1.0 - 1e-12, False), (0.95, True)):
+        dose = DoseLimits(10, most * forecast(pulses, rapid).energy_j, 1.0)
+        assert bool(forecast(pulses, rapid, dose).violations) is exceeded
 
 
 @pytest.mark.parametrize(
