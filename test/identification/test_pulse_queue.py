@@ -135,6 +135,15 @@ def test_a_sequence_that_restarts_twice_is_not_learnt_from():
     assert queue.unknown(100, 101, 500, 501) == [False, True, True, False]
 
 
+def test_pulses_lost_while_the_driver_was_started_again_are_not_learnt_from():
+    queue = Queue()
+    queue.rest()
+    queue.add((0, 0.5, 40), (1000, 0.5, 15), (1050, 0.5, 16))
+    assert queue.onsets(2000) == [0, 1000, 1050]
+    assert queue.counter.counts() == {'pulse_sequence_restart': 1}
+    assert queue.unknown(900, 901, 1350, 1351) == [False, True, True, False]
+
+
 def test_far_pulses_wait_for_the_force_and_are_given_up_when_it_does_not_come():
     queue = Queue()
     minute = [Pulse(60_000 * MILLISECOND, 0.5, 1), Pulse(10**18, 0.5, 2)]
@@ -353,6 +362,19 @@ def test_noise_is_of_no_other_clock(random_session, seconds):
         trace = ForceTrace(forces.stamp_ns[:count], noise)
         found = identify(estimator_by_name('recursive'), pulses, trace, SELDOM)
         assert not {CLOCKS_DIFFER, FORCE_WITHOUT_PULSES} & set(found.last.doubts)
+
+
+@pytest.mark.parametrize('estimator', ['batch', 'recursive'])
+def test_a_sensor_that_takes_the_ripple_away_is_of_no_other_clock(estimator):
+    """A mean over the period of the pulses: the force was to answer 0.5 to 10 s before them."""
+    for seed in range(2):
+        intensity = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(580) / 180.0)
+        pulses, forces = answered(intensity, 31.0)
+        sums = np.concatenate((np.zeros(50), np.cumsum(forces.force)))
+        noise = 0.05 * np.random.default_rng(seed).standard_normal(len(forces))
+        forces = replace(forces, force=(sums[50:] - sums[:-50]) / 50.0 + noise)
+        found = identify(estimator_by_name(estimator), pulses, forces, SELDOM)
+        assert CLOCKS_DIFFER not in found.last.doubts
 
 
 @pytest.mark.parametrize('seed', range(4))

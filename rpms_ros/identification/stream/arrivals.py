@@ -284,7 +284,8 @@ class PulseQueue:
             self.counter.add(faults.PULSE_SEQUENCE_STUCK)
         elif step > SEQUENCE_PERIOD // 2:
             self.counter.add(faults.PULSE_SEQUENCE_RESTART)
-            if onset_ns - self._last_restart_ns < _RESTARTS_NS:
+            # the first ones of a driver that was started again may be lost as well
+            if sequence or onset_ns - self._last_restart_ns < _RESTARTS_NS:
                 self.exclude(missing_from_ns, onset_ns + self.memory_ns)
             self._last_restart_ns = onset_ns
         elif step > 1:
