@@ -42,7 +42,7 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
-from scipy.signal import butter, lfilter
+from scipy.signal import bilinear, butter, lfilter
 
 import rpms_ros
 
@@ -106,7 +106,7 @@ SITUATIONS = [
     *('filter', 'jitter', 'lost', 'late'),
 ]
 # the last ones are never drawn
-MUSCLES = [*RECRUITMENTS, *SITUATIONS, 'sway', 'second']
+MUSCLES = [*RECRUITMENTS, *SITUATIONS, 'sway', 'second', 'swing']
 # these end as another muscle than they begin
 CHANGING = ('slip', 'rests', 'sway')
 EXCITATIONS = ['random', 'sinusoid', 'upper', 'staircase', 'groups', 'catch']
@@ -262,6 +262,17 @@ def beside(kinds, grid, onset, intensity, generator):
     return force
 
 
+def sensed(kinds, force):
+    """Return what the sensor makes of the force."""
+    if 'filter' in kinds:
+        return lfilter(*butter(2, 30.0, fs=1e3), force)
+    if 'swing' in kinds:
+        # limb or sensor at 8 Hz, damped by a fifth
+        own = 2.0 * np.pi * 8.0
+        return lfilter(*bilinear([own**2], [1.0, 0.4 * own, own**2], 1e3), force)
+    return force
+
+
 def session(muscle, excitation, seed, seconds=SECONDS):
     """Return pulses, force and the true curve."""
     generator = np.random.default_rng([seed, zlib.crc32(muscle.encode())])
@@ -277,8 +288,7 @@ def response(muscle, seed):
     grid = np.arange(0.0, 0.9, 1e-3)
     one = person(generator)
     force, truth = contraction(kinds, grid, np.zeros(1), np.ones(1), one, generator)
-    if 'filter' in kinds:
-        force = lfilter(*butter(2, 30.0, fs=1e3), force)
+    force = sensed(kinds, force)
     return grid, 10.0 / truth.max() * force
 
 
@@ -315,8 +325,7 @@ def simulated(kinds, excitation, one, generator):
     scale = 10.0 / truth.max()
     force = scale * force + one['noise'] * 10.0 * generator.standard_normal(len(grid))
     force += beside(kinds, grid, onset, intensity, generator)
-    if 'filter' in kinds:
-        force = lfilter(*butter(2, 30.0, fs=1e3), force)
+    force = sensed(kinds, force)
     if 'lost' in kinds:
         kept = generator.uniform(size=len(onset)) > 0.01
         onset, intensity = onset[kept], intensity[kept]

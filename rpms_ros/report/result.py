@@ -18,6 +18,7 @@ from rpms_ros.identification import (
     DEFAULT_RATE,
     INFORMED,
     NOT_INFORMED,
+    Estimate,
     Estimator,
     IdentifiedSession,
     StreamSettings,
@@ -194,6 +195,13 @@ ONE_INTENSITY = (
     'identified; there is no recruitment curve, and the impulse response is that of a pulse of '
     'this intensity'
 )
+SLOW_INTENSITIES = (
+    'the intensity changes too slowly to show the response: its interval holds for a twitch of '
+    'the model, not where limb or sensor swing (random or catch pulses would show it)'
+)
+# Mean square of the step from pulse to pulse, as a share of the variance of what they recruit: 2
+# with random intensities, 0.2 with a tenth of catch pulses, 0.001 with a sinusoid of 9 s at 20 Hz.
+_SLOW = 0.04
 NOT_A_TWITCH = (
     'not the course of a twitch of the model: the twitch stated is the closest to it; rely on '
     'neither peak'
@@ -346,6 +354,7 @@ def result_of(
     notes = [*recording.facts.remarks]
     notes += [] if recording.facts.checksums else [NO_CHECKSUMS]
     notes += [ONE_INTENSITY] if not known and of_one_intensity(pulses, stamps) else []
+    notes += [SLOW_INTENSITIES] if known and _slow(pulses, last) else []
     notes += [FOLLOWED] if FOLLOWED in last.reasons else []
     verdict = verdict_of(session, pulses, recording.forces, expected_force, dynamics)
     lower, upper = _if_any(last.curve_lower), _if_any(last.curve_upper)
@@ -380,6 +389,12 @@ def result_of(
         notes=notes,
         verdict=_of_the_file(verdict, recording),
     )
+
+
+def _slow(pulses: PulseTrain, last: Estimate) -> bool:
+    """Return whether what pulses recruit hardly changes from one to the next."""
+    recruited = np.interp(pulses.intensity, last.curve_intensity, last.curve_force)
+    return bool(np.square(np.diff(recruited)).mean() < _SLOW * recruited.var())
 
 
 def _of_the_file(verdict: Verdict, recording: Recording) -> Verdict:

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 import rpms_ros
 from rpms_ros import RpmsError
 from rpms_ros.cli import main
+from rpms_ros.report.result import SLOW_INTENSITIES
 
 SAMPLE = Path(__file__).resolve().parents[2] / 'bags' / 'sample'
 
@@ -82,6 +83,12 @@ def test_one_intensity_has_no_curve_but_a_response():
     assert 'u_thr' not in result.parameters
     with pytest.raises(RpmsError, match='expected pulses of several intensities'):
         result.force_at(0.5)
+
+
+@pytest.mark.parametrize('schedule', ['sinusoid', 'uniform_random'])
+def test_slow_intensities_are_said_not_to_show_the_response(schedule):
+    result = rpms_ros.simulate(schedule, duration=20.0, noise=0.02).identify().result
+    assert (SLOW_INTENSITIES in result.notes) is (schedule == 'sinusoid')
 
 
 def test_two_seconds_of_a_muscle_are_good():

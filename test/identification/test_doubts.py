@@ -170,7 +170,7 @@ def test_a_response_that_is_known_well_is_read_exactly(constant, latency, order)
     response = np.linalg.pinv(basis.evaluate(time)) @ (
         5.0 * twitch(time - latency, constant, order)
     )
-    values, deviations = TwitchReader(basis).read(response, 1e-10 * np.eye(len(response)))
+    values, deviations, _ = TwitchReader(basis).read(response, 1e-10 * np.eye(len(response)))
     assert len(values) == len(PHYSIOLOGY_NAMES)
     # the reader takes the basis to miss 0.1 % of the response: its deviations say what that means
     assert (np.abs(values - truth) < deviations).all()

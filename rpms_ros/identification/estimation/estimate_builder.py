@@ -476,7 +476,7 @@ class TwitchReader:
 
     def read(
         self, response: FloatArray, covariance: FloatArray, misfit: float = MISFIT
-    ) -> tuple[FloatArray, FloatArray] | None:
+    ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
         """Fit the twitch.
 
         Parameters
@@ -488,15 +488,17 @@ class TwitchReader:
 
         Returns
         -------
-        tuple of ndarray (4,), or None
-            Numbers of `PHYSIOLOGY_NAMES` and their standard deviations; None if the response does
-            not differ from zero by two standard deviations.
+        tuple of ndarray, or None
+            Numbers of `PHYSIOLOGY_NAMES`, their standard deviations, and the coefficients
+            (functions,) of that twitch; None if the response does not differ from zero by two
+            standard deviations.
         """
         length = float(np.linalg.norm(response))
         if not length > 2.0 * float(np.sqrt(max(np.trace(covariance), 0.0))):
             return None
         noise = covariance + (misfit * length) ** 2 * np.eye(len(response))
-        whiten = np.linalg.inv(np.linalg.cholesky(noise))
+        factor = np.linalg.cholesky(noise)
+        whiten = np.linalg.inv(factor)
         projection = whiten @ self._projection
         match = match_twitch(Coefficients(self._lag, projection, whiten @ response, self._prior))
         jacobian = np.column_stack((match.peak * match.columns[:, 1:], match.columns[:, 0]))
@@ -504,7 +506,8 @@ class TwitchReader:
         information[:3, :3] += np.diag(self._prior.deviation**-2)
         inverse = np.linalg.inv(information + 1e-12 * np.eye(4))
         deviations = np.sqrt(np.maximum(np.diag(inverse), 0.0))
-        return np.append(match.theta, match.peak), deviations
+        course = match.peak * (factor @ match.columns[:, 0])
+        return np.append(match.theta, match.peak), deviations, course
 
 
 RESPONSE_STEP = 5e-3
@@ -566,7 +569,7 @@ class EstimateBuilder:
         self._basis = basis
         self._rate_hz = rate_hz
         self._confidence = confidence
-        self._reader = TwitchReader(basis, wide=wide)
+        self._chosen, self._reader = wide, TwitchReader(basis, wide)
         self._time = np.arange(0.0, RESPONSE_DURATION, RESPONSE_STEP)
         self._values = basis.evaluate(self._time)
 
@@ -688,15 +691,15 @@ class EstimateBuilder:
         misfit = share * rho[0] * np.linalg.norm(linear) * np.linalg.norm(self._values, axis=1)
         covariance = to_coefficients @ (sure.covariance + found.unnoticed) @ to_coefficients.T
         covariance += taken_up**2 * np.outer(linear, linear)
-        half = sure._replace(covariance=covariance).half_width(self._values, misfit)
-        fields: dict[str, Any] = {
-            'response_force': response,
-            'response_lower': response - half,
-            'response_upper': response + half,
-        }
+        fields: dict[str, Any] = {'response_force': response}
         twitch = self._reader.read(rho[0] * linear, covariance, share)
         if twitch is not None:
             values, width = twitch[0], sure.quantile * twitch[1]
+            if not self._chosen:
+                # of a twitch that begins late the functions take another course for it, of which
+                # slow intensities leave no trace
+                missed = twitch[2] - rho[0] * linear
+                covariance += np.outer(missed, missed)
             # No muscle answers before its pulse, and none of the others can be negative either.
             fields |= {
                 'physiology_names': PHYSIOLOGY_NAMES,
@@ -704,7 +707,8 @@ class EstimateBuilder:
                 'physiology_lower': np.maximum(values - width, 0.0),
                 'physiology_upper': values + width,
             }
-        return fields
+        half = sure._replace(covariance=covariance).half_width(self._values, misfit)
+        return fields | {'response_lower': response - half, 'response_upper': response + half}
 
 
 def condition_number(matrix: FloatArray) -> float:
