@@ -65,7 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
     from rpms_ros.report.session_report import report_of
     from rpms_ros.schema import plain
 
-    if arguments.out.exists() and arguments.out.suffix not in ('.html', '.htm'):
+    if arguments.out.is_file() and arguments.out.suffix.lower() not in ('.html', '.htm'):
         raise ReportError(f'expected a page (.html) with --out, got a file {arguments.out}')
     options = options_of(IdentificationOptions, arguments)
     recording = read(arguments.bag, arguments)

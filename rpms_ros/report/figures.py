@@ -18,7 +18,6 @@ peak.
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from io import BytesIO
-from itertools import product
 from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -426,9 +425,6 @@ def write_figures(folder: Path, report: SessionReport) -> None:
     ReportError
         If they cannot be written.
     """
-    # those of another report would be taken for this one's
-    for name, ending in product(set(FIGURES) - set(names_of(report)), ('png', 'svg')):
-        (folder / f'{name}.{ending}').unlink(missing_ok=True)
     for name in names_of(report):
         with style():
             save_figure(draw(name, report), folder / f'{name}.png', folder / f'{name}.svg')

@@ -202,6 +202,8 @@ SLOW_INTENSITIES = (
 # Mean square of the step from pulse to pulse, as a share of the variance of what they recruit: 2
 # with random intensities, 0.2 with a tenth of catch pulses, 0.001 with a sinusoid of 9 s at 20 Hz.
 _SLOW = 0.04
+# The response to a pulse is nearly over [ns].
+_OVER_NS = 400_000_000
 NOT_A_TWITCH = (
     'not the course of a twitch of the model: the twitch stated is the closest to it; rely on '
     'neither peak'
@@ -316,12 +318,13 @@ class IdentificationResult:
 
     @property
     def is_no_twitch(self) -> bool:
-        """Whether the intervals of two peaks have nothing in common: see `NOT_A_TWITCH`.
+        """Whether two peaks differ: see `NOT_A_TWITCH`.
 
-        They are that of the identified response and that of the twitch which was fitted to it.
+        That of the identified response is outside the interval, and by 5 % of it more, of the peak
+        of the twitch which was fitted to it.
         """
         twitch, peak = (self.physiology or {}).get('twitch_peak_n'), self.impulse_response.peak
-        return twitch is not None and (twitch.upper < peak.lower or peak.upper < twitch.lower)
+        return twitch is not None and not 0.95 * twitch.lower < peak.value < 1.05 * twitch.upper
 
 
 def result_of(
@@ -354,7 +357,7 @@ def result_of(
     notes = [*recording.facts.remarks]
     notes += [] if recording.facts.checksums else [NO_CHECKSUMS]
     notes += [ONE_INTENSITY] if not known and of_one_intensity(pulses, stamps) else []
-    notes += [SLOW_INTENSITIES] if known and _slow(pulses, last) else []
+    notes += [SLOW_INTENSITIES] if known and last.pulses > 2 and _slow(pulses, last) else []
     notes += [FOLLOWED] if FOLLOWED in last.reasons else []
     verdict = verdict_of(session, pulses, recording.forces, expected_force, dynamics)
     lower, upper = _if_any(last.curve_lower), _if_any(last.curve_upper)
@@ -393,8 +396,10 @@ def result_of(
 
 def _slow(pulses: PulseTrain, last: Estimate) -> bool:
     """Return whether what pulses recruit hardly changes from one to the next."""
-    recruited = np.interp(pulses.intensity, last.curve_intensity, last.curve_force)
-    return bool(np.square(np.diff(recruited)).mean() < _SLOW * recruited.var())
+    used = pulses[~outside_shares(pulses.intensity)]
+    recruited = np.interp(used.intensity, last.curve_intensity, last.curve_force)
+    apart = np.median(np.diff(used.onset_ns)) > _OVER_NS
+    return bool(not apart and np.square(np.diff(recruited)).mean() < _SLOW * recruited.var())
 
 
 def _of_the_file(verdict: Verdict, recording: Recording) -> Verdict:

@@ -14,6 +14,7 @@ import rpms_ros
 from rpms_ros import RpmsError
 from rpms_ros.cli import main
 from rpms_ros.report.result import SLOW_INTENSITIES
+from rpms_ros.stimulation import Schedule, Single
 
 SAMPLE = Path(__file__).resolve().parents[2] / 'bags' / 'sample'
 
@@ -89,6 +90,12 @@ def test_one_intensity_has_no_curve_but_a_response():
 def test_slow_intensities_are_said_not_to_show_the_response(schedule):
     result = rpms_ros.simulate(schedule, duration=20.0, noise=0.02).identify().result
     assert (SLOW_INTENSITIES in result.notes) is (schedule == 'sinusoid')
+
+
+def test_single_twitches_show_the_response_whatever_their_order():
+    schedule = Schedule(tuple(Single(0.02 * k, duration_s=1.0) for k in range(51)))
+    result = rpms_ros.simulate(schedule, noise=0.02).identify().result
+    assert SLOW_INTENSITIES not in result.notes
 
 
 def test_two_seconds_of_a_muscle_are_good():

@@ -16,7 +16,6 @@ from matplotlib.image import imread
 from rpms_ros.muscle import twitch
 from rpms_ros.pulses import ForceTrace, PulseTrain
 from rpms_ros.recording import write_recording
-from rpms_ros.report import figures
 from rpms_ros.report.figures import FIGURES, write_figures
 from rpms_ros.report.page import SECTIONS, as_page
 
@@ -115,15 +114,6 @@ def test_figures_are_written_as_pixels_and_vectors(tmp_path, report):
             assert np.mean(imread(path)[..., :3].min(axis=2) < 0.6) > 0.005
         else:
             assert '<svg' in path.read_text()
-
-
-def test_no_figure_of_an_earlier_report_stays(tmp_path, report, monkeypatch):
-    monkeypatch.setattr(figures, 'names_of', lambda _: ())
-    kept = tmp_path / 'other.png'
-    for path in (kept, tmp_path / 'recruitment.png', tmp_path / 'force.svg'):
-        path.touch()
-    write_figures(tmp_path, report)
-    assert list(tmp_path.iterdir()) == [kept]
 
 
 def test_one_intensity_is_said_and_not_drawn(constant_report):

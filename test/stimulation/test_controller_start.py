@@ -4,6 +4,7 @@
 
 import dataclasses
 from contextlib import closing
+from functools import partial
 
 import pytest
 
@@ -105,11 +106,13 @@ def test_stop_in_the_middle_of_every_transition(state, command, driver_in):
         driver.controller.arm()
 
 
-def test_a_goal_after_a_stop_is_told_of_the_stop(virtual):
+def test_a_goal_that_a_stop_overtakes_is_told_of_the_stop(virtual, monkeypatch):
     driver = virtual().armed()
-    driver.controller.stop('test', 'pressed')
+    pressed = partial(driver.controller.stop, 'test', 'pressed')
+    monkeypatch.setattr(driver.controller, 'reserve', pressed)
     with pytest.raises(Interlocked, match='expected the latched stop to be reset, got: pressed'):
         driver.controller.start(TRAIN)
+    assert not driver.device.commands
 
 
 def test_a_run_is_told_once_nothing_stands_against_it_and_before_its_first_pulse(virtual):

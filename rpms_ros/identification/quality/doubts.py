@@ -24,7 +24,6 @@ from dataclasses import replace
 
 import numba
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 
 from rpms_ros.identification.model.estimate import (
     SMALLEST_INTENSITY_SPAN,
@@ -382,19 +381,12 @@ def _answered_apart(
     varied = float(np.ptp(given)) >= SMALLEST_INTENSITY_SPAN
     given -= given.mean()
     alike = float(given[1:] @ given[:-1]) / float(given @ given) if varied else 1.0
-    most = np.inf
-    if alike < _FORETOLD and len(given) >= _MANY:
+    if told := alike < _FORETOLD and len(given) >= _MANY:
         # what pulses before do not tell, or levels that are held would answer ahead; one alone
         # would leave an echo of single pulses among slow ones
         before, drive[:] = np.lib.stride_tricks.sliding_window_view(given[:-1], _TOLD), 0.0
         foretold = before @ np.linalg.lstsq(before, given[_TOLD:], rcond=None)[0]
         drive[places[_TOLD:]] = given[_TOLD:] - foretold
-    else:
-        # the ripple of each pulse alone tells: what goes slowly fits the train at any lag; and
-        # pulses that are alike tell no lag longer than the longest rest
-        rests = np.diff(places, prepend=first, append=last)
-        step = step - uniform_filter1d(step, round(float(np.median(rests))))
-        most = float(rests.max()) * _BIN_NS / NANOSECONDS_PER_SECOND
     known = (np.arange(len(step)) >= first) & (np.arange(len(step)) < last)
     room = _correlated(known.astype(float), np.square(drive))
     # lags at which little is left to compare are no measure of chance
@@ -410,8 +402,13 @@ def _answered_apart(
     low = np.flatnonzero(together <= 0.25 * together[peak])
     begins = low[np.maximum(np.searchsorted(low, high) - 1, 0)] + 1
     onset = (begins - _LAGS + 0.5) * _BIN_NS / NANOSECONDS_PER_SECOND
+    if ((onset >= _ONSET[0]) & (onset <= _ONSET[1])).any():
+        return {}
     nearest = float(onset[np.argmin(np.abs(onset))])
-    if ((onset >= _ONSET[0]) & (onset <= _ONSET[1])).any() or abs(nearest) > most:
+    rests = np.diff(places, prepend=first, append=last)
+    # pulses that are alike, at one interval, tell no lag longer than the rest before or after them
+    regular = not told and rests[1:-1].max() < 1.5 * np.median(rests)
+    if regular and abs(nearest) > rests.max() * _BIN_NS / NANOSECONDS_PER_SECOND:
         return {}
     return {CLOCKS_DIFFER: _apart(nearest, 'the force answers', 'the pulses')}
 

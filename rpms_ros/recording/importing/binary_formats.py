@@ -62,15 +62,26 @@ def _loadmat(path: Path) -> Any:
     return pickle.loads(done.stdout)
 
 
+def _told_by_pyxdf(record: logging.LogRecord) -> bool:
+    """Refuse damage, of which pyxdf gives the rest; drop what else it says."""
+    if record.levelno >= logging.ERROR and 'footer' not in record.getMessage():
+        raise ValueError('damage: ' + record.getMessage().partition(',')[0])
+    return False
+
+
 @contextmanager
 def _read_as(what: str, path: Path) -> Iterator[None]:
     """Refuse what a library cannot read: it raises whatever the damage leads to."""
+    logger = logging.getLogger('pyxdf.pyxdf')
+    logger.addFilter(_told_by_pyxdf)
     try:
         yield
     except RecordingError:
         raise
     except Exception as error:
         raise RecordingError(f'expected {what} at {path}, got {error}') from error
+    finally:
+        logger.removeFilter(_told_by_pyxdf)
 
 
 def read_matlab(path: Path) -> SignalFile:
@@ -206,9 +217,8 @@ def read_xdf(path: Path) -> SignalFile:
         If pyxdf is not installed or the file is damaged.
     """
     pyxdf = needed('pyxdf', f'an XDF file ({path})')
-    logging.getLogger('pyxdf.pyxdf').addFilter(_told_by_pyxdf)
-    # a straight line is drawn through the stamps between breaks: there samples were lost
-    breaks = {'jitter_break_threshold_seconds': 0.02, 'jitter_break_threshold_samples': 2}
+    # a straight line is drawn through the stamps between breaks, where samples are lost
+    breaks = {'jitter_break_threshold_seconds': 0.2, 'jitter_break_threshold_samples': 2}
     with _read_as('an XDF file', path):
         streams, _ = pyxdf.load_xdf(str(path), verbose=False, **breaks)
         signals, events = _sorted(streams)
@@ -219,13 +229,6 @@ def read_xdf(path: Path) -> SignalFile:
     sampled = (replace(one, time=one.time - start) for one in signals if one.time is not None)
     marks = (replace(one, time=one.time - start) for one in events)
     return SignalFile(path, 'XDF', tuple(sampled), tuple(marks))
-
-
-def _told_by_pyxdf(record: logging.LogRecord) -> bool:
-    """Refuse damage, of which pyxdf gives the rest; drop what else it says."""
-    if record.levelno >= logging.ERROR:
-        raise ValueError('damage: ' + record.getMessage().partition(',')[0])
-    return False
 
 
 def _sorted(streams: list[dict[str, Any]]) -> tuple[list[Signal], list[Events]]:

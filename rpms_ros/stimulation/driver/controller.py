@@ -260,8 +260,8 @@ class StimulationController(DeviceOwner):
 
     def _deliverable_plan(self, schedule: Schedule, start_ns: int) -> Plan:
         """Return the plan as the device can give it, or raise what stands against it."""
-        self._refuse_if_open()
         after(self.state, Command.START)
+        self._refuse_if_open()
         trials, left = self._order(self._trials, self.settings.stuck_limit_s)
         # before the plan is laid out: a schedule can ask for more pulses than there is memory
         for limit, most, what in (
