@@ -402,14 +402,15 @@ def _answered_apart(
     low = np.flatnonzero(together <= 0.25 * together[peak])
     begins = low[np.maximum(np.searchsorted(low, high) - 1, 0)] + 1
     onset = (begins - _LAGS + 0.5) * _BIN_NS / NANOSECONDS_PER_SECOND
-    if ((onset >= _ONSET[0]) & (onset <= _ONSET[1])).any():
+    possible = ((onset >= _ONSET[0]) & (onset <= _ONSET[1])).any()
+    # of pulses that are alike, at one interval, their ripple alone tells a lag, no slow course,
+    # which is as high half an interval aside
+    intervals, aside = np.diff(places), np.array([-0.5, 0.5])
+    beside = np.clip(peak + (aside * np.median(intervals)).astype(int), 0, 2 * _LAGS)
+    regular = not told and intervals.max() < 1.5 * np.median(intervals)
+    if possible or (regular and np.isin(beside, high).all()):
         return {}
     nearest = float(onset[np.argmin(np.abs(onset))])
-    rests = np.diff(places, prepend=first, append=last)
-    # pulses that are alike, at one interval, tell no lag longer than the rest before or after them
-    regular = not told and rests[1:-1].max() < 1.5 * np.median(rests)
-    if regular and abs(nearest) > rests.max() * _BIN_NS / NANOSECONDS_PER_SECOND:
-        return {}
     return {CLOCKS_DIFFER: _apart(nearest, 'the force answers', 'the pulses')}
 
 
