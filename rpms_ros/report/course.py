@@ -136,7 +136,7 @@ class Course:
     def disturbance(self) -> TimeCourse:
         """Force that the stimulation does not cause, with two standard deviations each side."""
         return _path(
-            _banded('', one.disturbance, one.disturbance_deviation, 0.95)
+            _banded('disturbance', one.disturbance, one.disturbance_deviation, 0.95)
             if one.disturbance_deviation > 0.0
             else None
             for one in self.estimates

@@ -200,7 +200,7 @@ SLOW_INTENSITIES = (
     'the model, not where limb or sensor swing (random or catch pulses would show it)'
 )
 # Mean square of the step from pulse to pulse, as a share of the variance of what they recruit: 2
-# with random intensities, 0.2 with a tenth of catch pulses, 0.001 with a sinusoid of 9 s at 20 Hz.
+# with random intensities, 0.4 with a tenth of catch pulses, 0.002 with a sinusoid of 9 s at 20 Hz.
 _SLOW = 0.04
 # The response to a pulse is nearly over [ns].
 _OVER_NS = 400_000_000
@@ -396,7 +396,8 @@ def result_of(
 
 def _slow(pulses: PulseTrain, last: Estimate) -> bool:
     """Return whether what pulses recruit hardly changes from one to the next."""
-    used = pulses[~outside_shares(pulses.intensity)]
+    used = pulses[np.argsort(pulses.onset_ns, kind='stable')]
+    used = used[~outside_shares(used.intensity)]
     recruited = np.interp(used.intensity, last.curve_intensity, last.curve_force)
     apart = np.median(np.diff(used.onset_ns)) > _OVER_NS
     return bool(not apart and np.square(np.diff(recruited)).mean() < _SLOW * recruited.var())

@@ -550,7 +550,8 @@ class EstimateBuilder:
     confidence : float
         Level of the intervals.
     wide : bool
-        See `TwitchReader`.
+        Whether the samples chose the basis: see `TwitchReader`.  What functions that were not
+        chosen miss of a twitch is in the interval of the response.
     curve : callable
         Recruitment and its derivatives, as `recruitment_curve`.
     """
@@ -692,13 +693,13 @@ class EstimateBuilder:
         covariance = to_coefficients @ (sure.covariance + found.unnoticed) @ to_coefficients.T
         covariance += taken_up**2 * np.outer(linear, linear)
         fields: dict[str, Any] = {'response_force': response}
-        twitch = self._reader.read(rho[0] * linear, covariance, share)
-        if twitch is not None:
-            values, width = twitch[0], sure.quantile * twitch[1]
+        if (twitch := self._reader.read(rho[0] * linear, covariance, share)) is not None:
+            values, deviations, course = twitch
+            width = sure.quantile * deviations
             if not self._chosen:
                 # of a twitch that begins late the functions take another course for it, of which
                 # slow intensities leave no trace
-                missed = twitch[2] - rho[0] * linear
+                missed = course - rho[0] * linear
                 covariance += np.outer(missed, missed)
             # No muscle answers before its pulse, and none of the others can be negative either.
             fields |= {

@@ -13,7 +13,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -62,26 +62,15 @@ def _loadmat(path: Path) -> Any:
     return pickle.loads(done.stdout)
 
 
-def _told_by_pyxdf(record: logging.LogRecord) -> bool:
-    """Refuse damage, of which pyxdf gives the rest; drop what else it says."""
-    if record.levelno >= logging.ERROR and 'footer' not in record.getMessage():
-        raise ValueError('damage: ' + record.getMessage().partition(',')[0])
-    return False
-
-
 @contextmanager
 def _read_as(what: str, path: Path) -> Iterator[None]:
     """Refuse what a library cannot read: it raises whatever the damage leads to."""
-    logger = logging.getLogger('pyxdf.pyxdf')
-    logger.addFilter(_told_by_pyxdf)
     try:
         yield
     except RecordingError:
         raise
     except Exception as error:
         raise RecordingError(f'expected {what} at {path}, got {error}') from error
-    finally:
-        logger.removeFilter(_told_by_pyxdf)
 
 
 def read_matlab(path: Path) -> SignalFile:
@@ -219,7 +208,10 @@ def read_xdf(path: Path) -> SignalFile:
     pyxdf = needed('pyxdf', f'an XDF file ({path})')
     # a straight line is drawn through the stamps between breaks, where samples are lost
     breaks = {'jitter_break_threshold_seconds': 0.2, 'jitter_break_threshold_samples': 2}
-    with _read_as('an XDF file', path):
+    logger = logging.getLogger('pyxdf.pyxdf')
+    with _read_as('an XDF file', path), ExitStack() as stack:
+        logger.addFilter(_told_by_pyxdf)
+        stack.callback(logger.removeFilter, _told_by_pyxdf)
         streams, _ = pyxdf.load_xdf(str(path), verbose=False, **breaks)
         signals, events = _sorted(streams)
     begins = [one.time[0] for one in signals if one.time is not None and len(one.time)]
@@ -229,6 +221,13 @@ def read_xdf(path: Path) -> SignalFile:
     sampled = (replace(one, time=one.time - start) for one in signals if one.time is not None)
     marks = (replace(one, time=one.time - start) for one in events)
     return SignalFile(path, 'XDF', tuple(sampled), tuple(marks))
+
+
+def _told_by_pyxdf(record: logging.LogRecord) -> bool:
+    """Refuse damage, of which pyxdf gives the rest; drop what else it says."""
+    if record.levelno >= logging.ERROR and 'footer' not in record.getMessage():
+        raise ValueError('damage: ' + record.getMessage().partition(',')[0])
+    return False
 
 
 def _sorted(streams: list[dict[str, Any]]) -> tuple[list[Signal], list[Events]]:

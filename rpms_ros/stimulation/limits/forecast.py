@@ -19,6 +19,7 @@ from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.stimulation.limits.coil_temperature import CoilTemperature
 from rpms_ros.stimulation.limits.device_specification import DeviceSpecification
 from rpms_ros.stimulation.limits.limiter import (
+    ENERGY_ROUNDING,
     DoseLimits,
     Limits,
     PulseLimiter,
@@ -133,8 +134,7 @@ def _over_dose(plan: Plan, limits: Limits, dose: DoseLimits) -> Iterator[Violati
     energy_j = np.cumsum(limits.pulse_energy_j * plan.intensity**2)
     for limit, total, most, unit in (
         ('dose_pulses', np.arange(1, len(plan) + 1), dose.pulses, 'pulses'),
-        # rounding of a sum, as in the ledger
-        ('dose_energy_j', energy_j, dose.energy_j * (1.0 + 1e-9), 'J'),
+        ('dose_energy_j', energy_j, dose.energy_j * (1.0 + ENERGY_ROUNDING), 'J'),
     ):
         over = total > most
         if over.any():

@@ -200,7 +200,7 @@ TIMING_LIMITS = ('maximum_rate_hz', 'rate_limits_hz')
 """Limits that a pulse can break by the jitter of the one before it alone."""
 
 # relative rounding of a sum of thousands of energies
-_ENERGY_ROUNDING = 1e-9
+ENERGY_ROUNDING = 1e-9
 # the difference of two shares is rounded once
 _SHARE_ROUNDING = math.ulp(1.0)
 
@@ -455,7 +455,7 @@ class PulseLimiter:
         limits = self.limits
         most_j = limits.continuous_power_w * limits.energy_window_s
         window_j = self.window_energy_j + energy_j
-        if not window_j <= most_j * (1.0 + _ENERGY_ROUNDING):
+        if not window_j <= most_j * (1.0 + ENERGY_ROUNDING):
             yield Refusal(
                 'continuous_power_w',
                 f'expected at most {most_j:.4g} J in {limits.energy_window_s:g} s '

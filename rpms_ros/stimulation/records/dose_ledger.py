@@ -22,7 +22,13 @@ from urllib.parse import quote
 
 from rpms_ros.errors import StimulationError
 from rpms_ros.pulses import nanoseconds
-from rpms_ros.stimulation.limits.limiter import BookedPulse, DoseExceeded, DoseLimits, LedgerError
+from rpms_ros.stimulation.limits.limiter import (
+    ENERGY_ROUNDING,
+    BookedPulse,
+    DoseExceeded,
+    DoseLimits,
+    LedgerError,
+)
 from rpms_ros.stimulation.records.append_only import BEGIN, ChainedFile, Record, wall_ns_of
 from rpms_ros.stimulation.records.clocks import Clocks
 from rpms_ros.stimulation.schedule.fields import LONGEST_NAME
@@ -275,8 +281,7 @@ class MemoryLedger:
         count, energy = self.totals()
         for limit, total, most, unit in (
             ('dose_pulses', count + more, dose.pulses, 'pulses'),
-            # relative rounding of a sum of many thousand pulses
-            ('dose_energy_j', energy + energy_j, dose.energy_j * (1.0 + 1e-9), 'J'),
+            ('dose_energy_j', energy + energy_j, dose.energy_j * (1.0 + ENERGY_ROUNDING), 'J'),
         ):
             if total > most:
                 fault = f'expected at most {most:.8g} {unit} in {dose.window_h:g} h'
