@@ -14,6 +14,7 @@ from rclpy.parameter import Parameter
 from rpms_msgs.action import RunSchedule
 from rpms_msgs.msg import DriverStatus
 from rpms_ros.nodes.common.operator import OperatorClient
+from rpms_ros.nodes.driver.reports import DriverAudit
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.stimulation import constant
 from rpms_ros.stimulation.records.append_only import verify_log
@@ -274,6 +275,22 @@ def test_who_did_what_is_written_down(clinic, tmp_path):
     assert arm['kind'] == 'arm'
     assert arm['operator'] == 'ada'
     assert 'maximum_intensity' in arm['limits']
+
+
+def test_what_was_noted_is_written_before_what_followed_it(tmp_path):
+    path = tmp_path / 'audit.jsonl'
+    audit = DriverAudit(str(path), pytest.fail)
+    expected = ['begin']
+    for _ in range(20):
+        for _ in range(10):
+            audit.note('refusal')
+        audit.require('arm')
+        expected += 10 * ['refusal'] + ['arm']
+    audit.note('end')
+    audit.close()
+    verified = verify_log(path)
+    assert not verified.fault
+    assert [record.content['kind'] for record in verified.records] == [*expected, 'end']
 
 
 @pytest.mark.parametrize(

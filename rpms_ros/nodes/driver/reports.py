@@ -3,15 +3,15 @@
 """What a stimulator driver tells: pulses, log, refusals, schedules, status, diagnostics, audit.
 
 Arming and schedules are on the disk before anything follows from them.  Refusals, stops and
-resets are written by a thread of their own, so that nobody can hold the executor up with goals
-that are refused; of too many at once some are counted only.
+resets before them are written with them, or by a thread of their own, so that nobody can hold
+the executor up with goals that are refused; of too many at once some are counted only.
 """
 
 import hashlib
-import queue
 import threading
 import time
 from array import array
+from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -155,9 +155,9 @@ class DriverAudit:
     def __init__(self, path: str, failed: Callable[[str], None]) -> None:
         self._log = ChainedFile(Path(path).expanduser(), AUDIT_LOG) if path else None
         self._failed = failed
-        self._broken = ''
-        self._left_out = 0
-        self._entries: queue.Queue[Entry | None] = queue.Queue(_WAITING)
+        self._broken, self._left_out, self._closing = '', 0, False
+        self._noted: deque[Entry] = deque()
+        self._more, self._order = threading.Event(), threading.Lock()
         self._thread = threading.Thread(
             target=self._run, args=(self._log,), name='audit', daemon=True
         )
@@ -165,7 +165,7 @@ class DriverAudit:
             self._thread.start()
 
     def require(self, kind: str, **fields: object) -> None:
-        """Write an entry before this returns.
+        """Write an entry, and what was noted before it, before this returns.
 
         Raises
         ------
@@ -175,42 +175,44 @@ class DriverAudit:
         if self._broken:
             raise StimulationError(self._broken)
         if self._log is not None:
-            self._log.append(kind, fields)
+            self._write(self._log, (kind, fields))
 
     def note(self, kind: str, **fields: object) -> None:
         """Have an entry written soon."""
-        try:
-            if self._log is not None:
-                self._entries.put_nowait((kind, fields))
-        except queue.Full:
+        if len(self._noted) < _WAITING:
+            self._noted.append((kind, fields))
+        else:
             self._left_out += 1
+        self._more.set()
 
     def close(self) -> None:
         """Write what is left, and close the file."""
-        if self._log is None:
-            return
-        if self._thread.is_alive():
-            self._entries.put(None)
+        if self._log is not None:
+            self._closing = True
+            self._more.set()
             self._thread.join(_JOIN_S)
-        self._log.close()
+            self._log.close()
 
     def _run(self, log: ChainedFile) -> None:
         """Write what comes, and look at the file while nothing does."""
-        entry: Entry | None = None
         try:
-            while True:
-                try:
-                    entry = self._entries.get(timeout=_LOOK_S)
-                except queue.Empty:
-                    log.look()
-                    continue
-                if entry is None:
-                    return
-                left_out, self._left_out = self._left_out, 0
-                log.append(entry[0], {**entry[1], **({'left_out': left_out} if left_out else {})})
+            while self._noted or not self._closing:
+                self._more.wait(_LOOK_S)
+                self._more.clear()
+                self._write(log)
+                log.look()
         except StimulationError as error:
             self._broken = f'expected an audit log that can be written, got {error}'
             self._failed(self._broken)
+
+    def _write(self, log: ChainedFile, *required: Entry) -> None:
+        """Write what was noted, then what is required; all of it is on the disk after that."""
+        with self._order:
+            entries = [*(self._noted.popleft() for _ in range(len(self._noted))), *required]
+            for left, (kind, fields) in zip(range(len(entries))[::-1], entries, strict=True):
+                left_out, self._left_out = self._left_out, 0
+                both = {**fields, **({'left_out': left_out} if left_out else {})}
+                log.append(kind, both, sync=not left)
 
 
 _DIAGNOSTICS_PERIOD_NS = 1_000_000_000
