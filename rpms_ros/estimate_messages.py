@@ -40,6 +40,7 @@ _ARRAYS = _fields_of(FloatArray, 'nonlinear_covariance')
 _CURVES = [name for name in _ARRAYS if name.startswith('curve_')]
 _RESPONSES = [name for name in _ARRAYS if name.startswith('response_')]
 _PHYSIOLOGY = [name for name in _ARRAYS if name.startswith('physiology')]
+# Arrays as long as the one that names their elements.
 _EXACT = {
     'nonlinear': 'nonlinear_names',
     'linear': 'linear_names',
@@ -48,7 +49,7 @@ _EXACT = {
     'physiology': 'physiology_names',
     'change_ago': 'change_kinds',
 }
-"""Arrays as long as the one that names their elements."""
+# The same, but they may also be empty.
 _OR_EMPTY = {
     'nonlinear_identifiability': 'nonlinear_names',
     **dict.fromkeys(_CURVES[1:], 'curve_intensity'),
@@ -56,7 +57,6 @@ _OR_EMPTY = {
     **dict.fromkeys(_PHYSIOLOGY[1:], 'physiology_names'),
     **dict.fromkeys((name for name in _ARRAYS if name.startswith('rate')), 'rate_names'),
 }
-"""The same, but they may also be empty."""
 
 
 def estimate_message(estimate: Estimate, types: MessageTypes, frame_id: str = '') -> Any:

@@ -24,12 +24,12 @@ COMMANDS = (
     *('protocol', 'check', 'audit', *_NEED_ROS),
 )
 """In the order of the help: what needs ROS last."""
+# Module of this package for each command whose name is not that of its module.
 _MODULES = {
     **dict.fromkeys(('info', 'verify'), 'recordings'),
     **dict.fromkeys(('import', 'export'), 'files'),
     **dict.fromkeys(('protocol', 'check'), 'schedules'),
 }
-"""Module of this package for each command whose name is not that of its module."""
 
 _DESCRIPTION = """\
 Identify a muscle that is stimulated by repetitive magnetic or electrical pulses.

@@ -127,8 +127,8 @@ PARAMETERS: Mapping[str, str] = {
 IDENTIFIABILITY = ('not in the data', 'still moving', 'settled')
 """Words for `NOT_INFORMED`, `INFORMED` and `CONVERGED`."""
 
-MOST_POINTS = 101
-"""Points of a curve that are sent."""
+# Points of a curve that are sent.
+_MOST_POINTS = 101
 
 
 def estimate_view(estimate: Estimate, origin_ns: int) -> dict[str, Any]:
@@ -172,7 +172,7 @@ def _curve(estimate: Estimate, name: str, along: str) -> dict[str, Any] | None:
     count = len(lines['along'])
     if not count or len(lines['force']) != count:
         return None
-    shown = evenly(count, MOST_POINTS)
+    shown = evenly(count, _MOST_POINTS)
     return {
         part: numbers(line[shown]) if len(line) == count else None for part, line in lines.items()
     }

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node that records topics: messages as raw bytes.
 
-Messages are written to the operating system every `FLUSH_PERIOD_S`: after a recorder was killed,
+Messages are written to the operating system every half second: after a recorder was killed,
 all older messages are readable.  It subscribes to the topics of this package alone.
 
 As in the identifier, the subscriptions belong to a second node that is in no executor, and the
@@ -44,8 +44,8 @@ from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.recording import RecordingWriter
 from rpms_ros.recording.rosbag.verifying import LOST_KEY, PUBLISHERS_KEY
 
-LEAST_ROOM = 1_000_000_000
-"""Free bytes below which a session of an hour may not fit on the disk."""
+# Free bytes below which a session of an hour may not fit on the disk.
+_LEAST_ROOM = 1_000_000_000
 
 
 def recorder_health(path: Path, counts: Mapping[str, int], lost: Mapping[str, int]) -> Health:
@@ -72,7 +72,7 @@ def recorder_health(path: Path, counts: Mapping[str, int], lost: Mapping[str, in
     free_mb, total = f'{free / 1e6:.0f}', sum(counts.values())
     level, said = DiagnosticStatus.OK, 'recording' if total else 'recording; no message yet'
     faults = [f'{count} messages of {name} lost' for name, count in lost.items()]
-    if free < LEAST_ROOM:
+    if free < _LEAST_ROOM:
         faults.append(f'{free_mb} MB are left on the disk')
     if faults:
         level, said = DiagnosticStatus.WARN, '; '.join(faults)
@@ -115,8 +115,8 @@ _TOPICS: dict[str, tuple[Any, QoSProfile]] = {
 }
 # Period with which the subscriptions are emptied [s].
 _LISTENING_PERIOD = 0.01
-FLUSH_PERIOD_S = 0.5
-"""Time between two writes to the file."""
+# Time between two writes to the file.
+_FLUSH_PERIOD_S = 0.5
 
 
 @dataclass(frozen=True)
@@ -161,7 +161,7 @@ class Recorder(NodeOfParts):
         for name, (kind, profile) in _TOPICS.items():
             self._ears[name] = QueuedTopic(self, second, kind, name, profile)
         every(self, _LISTENING_PERIOD, self._take)
-        every(self, FLUSH_PERIOD_S, self._flush)
+        every(self, _FLUSH_PERIOD_S, self._flush)
         every(self, PERIOD_S, self._report)
         names = ', '.join(self.resolve_topic_name(name) for name in self.counts)
         logger_of(self).info(f'recording to {self.path}: {names}')

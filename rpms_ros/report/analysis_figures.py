@@ -32,8 +32,8 @@ COLOURS = ('#0b4f7d', '#c65d00', '#3f7f2c', '#7b4fa3', '#a8234a', '#5f5f5f')
 MARKERS = ('o', 's', '^', 'D', 'v', 'P')
 DASHES = ('-', '--', ':', '-.', (0, (5, 1, 1, 1, 1, 1)), (0, (1, 3)))
 _FORCE = 'force [N]'
-MOST_TRAINS = 24
-"""More panels than this cannot be read on one page."""
+# More panels than this cannot be read on one page.
+_MOST_TRAINS = 24
 
 
 def draw_analysis(folder: Path, analysis: MuscleAnalysis, title: str = '') -> tuple[Path, ...]:
@@ -129,11 +129,11 @@ def draw_trains(
 ) -> Figure:
     """Return trains with their models, and the gains of their pulses (Figs. 6 to 8).
 
-    Every train has a panel; of more than `MOST_TRAINS`, so many are chosen evenly over numbers of
+    Every train has a panel; of more than 24, so many are chosen evenly over numbers of
     pulses and rates, and the title says so.  An empty `figure` is drawn into, its size set.
     """
     ordered = sorted(found.trains, key=lambda train: (len(train.response.onset), train.rate_hz))
-    picked = [ordered[place] for place in evenly(len(ordered), MOST_TRAINS)]
+    picked = [ordered[place] for place in evenly(len(ordered), _MOST_TRAINS)]
     if len(picked) < len(ordered):
         chosen = f'{len(picked)} of {len(ordered)} trains, evenly over pulses and rates'
         title = f'{title}: {chosen}' if title else chosen

@@ -18,8 +18,8 @@ from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntAr
 from rpms_ros.report.text import interval_of
 from rpms_ros.schema import documented
 
-MOST_SHOWN = 300
-"""Most estimates that are drawn, evenly spaced: a page has no more pixels."""
+# Most estimates that are drawn, evenly spaced: a page has no more pixels.
+_MOST_SHOWN = 300
 # Time for an estimator to settle; the first fifth of a shorter session [s].
 _SETTLING = 10.0
 # Warnings no further apart are one span [s].
@@ -101,8 +101,8 @@ class Course:
 
     @cached_property
     def shown(self) -> IntArray:
-        """Which estimates to draw: at most `MOST_SHOWN`, first and last included."""
-        return evenly(len(self.estimates), MOST_SHOWN)
+        """Which estimates to draw: at most 300, first and last included."""
+        return evenly(len(self.estimates), _MOST_SHOWN)
 
     @cached_property
     def settled(self) -> BoolArray:

@@ -24,8 +24,8 @@ from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray
 from rpms_ros.report.course import Course
 from rpms_ros.schema import documented
 
-SETTLED_S = 15.0
-"""The worst error over a session counts from here on [s]; of a shorter one from its middle."""
+# The worst error over a session counts from here on [s]; of a shorter one from its middle.
+_SETTLED_S = 15.0
 _STATE = ('threshold', 'saturation', 'time_constant', 'latency')
 # Parameters of the estimators by their names in the true muscle.
 _RECRUITMENT = {
@@ -136,7 +136,7 @@ class KnownMuscle(NamedTuple):
 
     def judged(self, course: Course) -> Judgement | None:
         """Return the errors of a session's curves, None if the true ones are not known."""
-        since = min(SETTLED_S, 0.5 * course.end_s)
+        since = min(_SETTLED_S, 0.5 * course.end_s)
         late = [one for one in course.estimates if one.stamp_ns >= course.start_ns + 1e9 * since]
         errors = np.array([self.error(one) for one in late])
         if not len(late) or np.isnan(errors[-1]):

@@ -22,8 +22,8 @@ from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntAr
 
 # Two-sided quantile of the normal distribution at 95 %.
 BAND_95 = 1.959963984540054
-LONGEST_LAG = 0.4
-"""How far the correlations are shown [s]: longer than a pulse acts."""
+# How far the correlations are shown [s]: longer than a pulse acts.
+_LONGEST_LAG = 0.4
 _EARLIEST_LAG = 0.1
 _FEWEST_SAMPLES = 50
 
@@ -101,7 +101,7 @@ def analyse_residuals(
     if residual.var() == 0.0:
         raise ReportError(f'expected residuals that differ, got {residual[0]} only')
     period = float(np.median(np.diff(stamp_ns))) / NANOSECONDS_PER_SECOND
-    longest = min(round(LONGEST_LAG / period), count // 4)
+    longest = min(round(_LONGEST_LAG / period), count // 4)
     centred = residual - residual.mean()
     auto = correlation(centred, centred, 0, longest)
     band = BAND_95 / np.sqrt(count)

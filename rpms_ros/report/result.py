@@ -18,7 +18,6 @@ from rpms_ros.identification import (
     DEFAULT_RATE,
     INFORMED,
     NOT_INFORMED,
-    Estimate,
     Estimator,
     IdentifiedSession,
     StreamSettings,
@@ -34,7 +33,7 @@ from rpms_ros.identification.catalogue import estimator_by_name
 from rpms_ros.identification.estimation.prior import FittedMuscle, warm_start
 from rpms_ros.identification.model.history_law import TemporalSummation
 from rpms_ros.identification.model.settings import PAPER_PRESETS, PEOPLE_PRESET
-from rpms_ros.identification.quality.doubts import NO_CONSTANT_MUSCLE
+from rpms_ros.identification.quality.doubts import NO_CONSTANT_MUSCLE, SLOW_INTENSITIES
 from rpms_ros.identification.quality.explained_force import (
     Stated,
     informed_parameters,
@@ -195,15 +194,6 @@ ONE_INTENSITY = (
     'identified; there is no recruitment curve, and the impulse response is that of a pulse of '
     'this intensity'
 )
-SLOW_INTENSITIES = (
-    'the intensity changes too slowly to show the response: its interval holds for a twitch of '
-    'the model, not where limb or sensor swing (random or catch pulses would show it)'
-)
-# Mean square of the step from pulse to pulse, as a share of the variance of what they recruit: 2
-# with random intensities, 0.4 with a tenth of catch pulses, 0.002 with a sinusoid of 9 s at 20 Hz.
-_SLOW = 0.04
-# The response to a pulse is nearly over [ns].
-_OVER_NS = 400_000_000
 NOT_A_TWITCH = (
     'not the course of a twitch of the model: the twitch stated is the closest to it; rely on '
     'neither peak'
@@ -357,8 +347,7 @@ def result_of(
     notes = [*recording.facts.remarks]
     notes += [] if recording.facts.checksums else [NO_CHECKSUMS]
     notes += [ONE_INTENSITY] if not known and of_one_intensity(pulses, stamps) else []
-    notes += [SLOW_INTENSITIES] if known and last.pulses > 2 and _slow(pulses, last) else []
-    notes += [FOLLOWED] if FOLLOWED in last.reasons else []
+    notes += [reason for reason in (SLOW_INTENSITIES, FOLLOWED) if reason in last.reasons]
     verdict = verdict_of(session, pulses, recording.forces, expected_force, dynamics)
     lower, upper = _if_any(last.curve_lower), _if_any(last.curve_upper)
     curve = Curve(intensity=last.curve_intensity, force=last.curve_force, lower=lower, upper=upper)
@@ -392,15 +381,6 @@ def result_of(
         notes=notes,
         verdict=_of_the_file(verdict, recording),
     )
-
-
-def _slow(pulses: PulseTrain, last: Estimate) -> bool:
-    """Return whether what pulses recruit hardly changes from one to the next."""
-    used = pulses[np.argsort(pulses.onset_ns, kind='stable')]
-    used = used[~outside_shares(used.intensity)]
-    recruited = np.interp(used.intensity, last.curve_intensity, last.curve_force)
-    apart = np.median(np.diff(used.onset_ns)) > _OVER_NS
-    return bool(not apart and np.square(np.diff(recruited)).mean() < _SLOW * recruited.var())
 
 
 def _of_the_file(verdict: Verdict, recording: Recording) -> Verdict:

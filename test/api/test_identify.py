@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 import rpms_ros
 from rpms_ros import RpmsError
 from rpms_ros.cli import main
-from rpms_ros.report.result import SLOW_INTENSITIES
+from rpms_ros.identification.quality.doubts import SLOW_INTENSITIES
 from rpms_ros.stimulation import Schedule, Single
 
 SAMPLE = Path(__file__).resolve().parents[2] / 'bags' / 'sample'

@@ -15,7 +15,12 @@ from rpms_ros.identification.estimation.estimate_builder import (
     TwitchReader,
 )
 from rpms_ros.identification.model.basis import LaguerreBasis
-from rpms_ros.identification.quality.doubts import REASON, RESPONSE_MISFIT, ResponseMisfit
+from rpms_ros.identification.quality.doubts import (
+    REASON,
+    RESPONSE_MISFIT,
+    SLOW_INTENSITIES,
+    ResponseMisfit,
+)
 from rpms_ros.identification.quality.explained_force import (
     informed_parameters,
     informed_physiology,
@@ -98,7 +103,41 @@ def test_a_muscle_that_answers_before_the_functions_begin_is_doubtful():
     # it turns it upside down, while the curve stays right.
     last = identify(FixedSizeRecursion(), *slow_sinusoid(0.02, 1)).last
     assert last.doubts == ('response_negative',)
-    assert last.reasons == (REASON['response_negative'],)
+    assert last.reasons == (REASON['response_negative'], SLOW_INTENSITIES)
+
+
+SHARES = np.random.default_rng(4).uniform(size=400)
+SINUSOID = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(400) / 180.0)
+CAUGHT = np.where(np.arange(400) % 10 == 0, SHARES, SINUSOID)
+
+
+@pytest.mark.parametrize(
+    ('intensity', 'interval', 'slow'),
+    [
+        (SINUSOID, 0.05, True),
+        (SHARES, 0.05, False),
+        (CAUGHT, 0.05, False),
+        (np.linspace(0.0, 1.0, 60), 1.0, False),
+        # two of a kind, and then a rest
+        (np.repeat(SHARES[:60], 2), [0.01, 0.99], False),
+        # trains
+        (np.repeat(SHARES[:20], 20), [0.05] * 19 + [1.0], False),
+    ],
+)
+def test_intensities_that_change_slowly_are_said_with_the_estimates(intensity, interval, slow):
+    period = np.resize(np.atleast_1d(interval), len(intensity))
+    onset = 1_000_000 * np.rint(1e3 * np.cumsum(period)).astype(np.int64)
+    pulses = replace(PulseTrain.regular(intensity, 20.0), onset_ns=onset)
+    muscle = Contraction(simulation_subject())
+    muscle.add_pulses(onset, intensity)
+    stamps = 1_000_000 * np.arange(onset[-1] // 1_000_000 + 500, dtype=np.int64)
+    noise = 0.02 * np.random.default_rng(1).standard_normal(len(stamps))
+    forces = ForceTrace(stamps, muscle.force(stamps) + noise)
+    estimates = identify(FixedSizeRecursion(), pulses, forces).estimates
+    known = [one for one in estimates if one.curve_known]
+    known = known[len(known) // 2 :]
+    assert known
+    assert {SLOW_INTENSITIES in one.reasons for one in known} == {slow}
 
 
 def test_a_curve_that_is_hardly_known_says_so():

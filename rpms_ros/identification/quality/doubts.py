@@ -598,6 +598,44 @@ class ResponseMisfit:
         return shape > _SHAPE or gain > _GAIN
 
 
+SLOW_INTENSITIES = (
+    'the intensity changes too slowly to show the response: its interval holds for a twitch of '
+    'the model, not where limb or sensor swing (random or catch pulses would show it)'
+)
+# Mean square of the step from pulse to pulse, as a share of the variance of what they recruit: 2
+# with random intensities, 0.4 with a tenth of catch pulses, 0.002 with a sinusoid of 9 s at 20 Hz.
+_SLOW_STEPS = 0.04
+# The response to a pulse is nearly over [ns].
+_OVER_NS = 400_000_000
+_LEVELS = 101
+
+
+class IntensitySteps:
+    """Counts how often one intensity follows another; after a rest, how often it follows none."""
+
+    def __init__(self) -> None:
+        self._count = np.zeros((_LEVELS, _LEVELS))
+        self._onset_ns = self._level = np.empty(0, dtype=np.int64)
+
+    def add_pulses(self, onset_ns: IntArray, intensity: FloatArray) -> None:
+        """Add pulses (pulses,), ascending [ns, 1]."""
+        onset_ns = np.append(self._onset_ns, onset_ns)
+        level = np.append(self._level, np.rint((_LEVELS - 1) * intensity).astype(np.int64))
+        near = np.diff(onset_ns) < _OVER_NS
+        np.add.at(self._count, (near * level[:-1], level[1:]), 1.0)
+        self._onset_ns, self._level = onset_ns[-1:], level[-1:]
+
+    def slow(self, estimate: Estimate) -> bool:
+        """Return whether what pulses recruit hardly changes from one to the next."""
+        pulses, share = self._count.sum(axis=0), np.linspace(0.0, 1.0, _LEVELS)
+        if not (estimate.curve_known and pulses.any()):
+            return False
+        force = np.interp(share, estimate.curve_intensity, estimate.curve_force)
+        spread = np.square(force - np.average(force, weights=pulses))
+        steps = self._count * np.square(force[:, None] - force)
+        return bool(steps.sum() < _SLOW_STEPS * pulses @ spread)
+
+
 def doubted(estimate: Estimate, holds: Mapping[str, bool]) -> Estimate:
     """Return an estimate with the doubts that hold, and their reasons; none without a curve."""
     found = [name for name, doubt in holds.items() if doubt and estimate.curve_known]
@@ -646,16 +684,13 @@ class PlausibilityCheck:
         self.pulses = 0
         self.intensity_range = (np.inf, -np.inf)
         self._time_ns = 0
-        self._last_ns: int | None = None
+        self._last_ns = np.empty(0, dtype=np.int64)
 
     def add_pulses(self, onset_ns: IntArray, intensity: FloatArray) -> None:
         """Add pulses (pulses,), ascending [ns, 1]."""
-        if not len(onset_ns):
-            return
-        if self._last_ns is not None:
-            self._time_ns += max(int(onset_ns[0]) - self._last_ns, 0)
-        self._time_ns += int(onset_ns[-1] - onset_ns[0])
-        self._last_ns = int(onset_ns[-1])
+        line = np.append(self._last_ns, onset_ns)
+        self._time_ns += int(np.maximum(np.diff(line), 0).sum())
+        self._last_ns = line[-1:]
         self.pulses += len(onset_ns)
         self.intensity_range = recruiting_range(intensity, self.intensity_range)
 

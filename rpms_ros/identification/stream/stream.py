@@ -19,9 +19,11 @@ from rpms_ros.identification.model.estimate import Estimate, Estimator, Predicti
 from rpms_ros.identification.quality import doubts as faults
 from rpms_ros.identification.quality.doubts import (
     RESPONSE_MISFIT,
+    SLOW_INTENSITIES,
     Alignment,
     Doubts,
     FaultCounter,
+    IntensitySteps,
     ResponseMisfit,
 )
 from rpms_ros.identification.stream.arrivals import (
@@ -319,7 +321,7 @@ class IdentificationStream:
         self._predictor = estimator if isinstance(estimator, PredictingEstimator) else None
         self._last_ns = self._samples = self._cells = 0
         self._acting_ns = np.empty(0, dtype=np.int64)
-        self._misfit = ResponseMisfit()
+        self._misfit, self._steps = ResponseMisfit(), IntensitySteps()
 
     @property
     def held(self) -> bool:
@@ -441,7 +443,8 @@ class IdentificationStream:
         if self.estimator.on_line and self._misfit.doubted and estimate.curve_known:
             doubts = (*doubts, RESPONSE_MISFIT)
         found = self._alignment.found
-        reasons = (*estimate.reasons, *found.values())
+        slow = [SLOW_INTENSITIES] if self._steps.slow(estimate) else []
+        reasons = (*estimate.reasons, *found.values(), *slow)
         return replace(estimate, doubts=(*found, *doubts), reasons=reasons)
 
     def _jump_back(self, newest_ns: int, stamp_ns: int) -> None:
@@ -545,6 +548,7 @@ class IdentificationStream:
         self.estimator.add_pulses(onset, intensity)
         self._pipeline.add_pulses(onset, intensity)
         self._misfit.add_pulses(onset, intensity)
+        self._steps.add_pulses(onset, intensity)
         self._acting_ns = np.concatenate((self._acting_ns, onset))
 
     def _predicted(self, stamp_ns: IntArray) -> FloatArray | None:

@@ -41,8 +41,8 @@ except ImportError:
     from zlib import crc32
 
 MAGIC = b'\x89MCAP0\r\n'
-RECORD_HEAD = 9
-"""Kind and length before the content of a record [bytes]."""
+# Kind and length before the content of a record [bytes].
+_RECORD_HEAD = 9
 _FOOTER_SIZE = 20
 # Channel, sequence, time of logging and of publishing, before the data of a message.
 _MESSAGE_HEAD = 22
@@ -100,7 +100,7 @@ class Frame(NamedTuple):
 def walk(data: ByteArray, begin: int = 0) -> tuple[Frame, int]:
     """Return the records from `begin` up to the footer or a cut, and where the last one ends."""
     bounds = _bounds(data, begin)
-    return Frame(data[bounds[:-1]], bounds[:-1] + RECORD_HEAD, bounds[1:]), int(bounds[-1])
+    return Frame(data[bounds[:-1]], bounds[:-1] + _RECORD_HEAD, bounds[1:]), int(bounds[-1])
 
 
 class _Bytes:
@@ -147,8 +147,8 @@ class McapFile(StorageFile):
         lost = len(self._data) - stop
         found = f'{self._path.name} has no end: {lost} bytes from a cut-off record'
         self._findings.add('truncated_file', found)
-        if lost > RECORD_HEAD + _CHUNK_HEAD and self._data[stop] == Opcode.CHUNK:
-            yield from self._chunk(stop + RECORD_HEAD, len(self._data), cut_off=True)
+        if lost > _RECORD_HEAD + _CHUNK_HEAD and self._data[stop] == Opcode.CHUNK:
+            yield from self._chunk(stop + _RECORD_HEAD, len(self._data), cut_off=True)
 
     def _chunk(self, start: int, end: int, cut_off: bool = False) -> Iterator[Batch]:
         if end - start > self._budget.memory:
@@ -225,7 +225,7 @@ class McapFile(StorageFile):
         data, name = self._data, self._path.name
         footer = _parsed(mcap.Footer, data[start : start + _FOOTER_SIZE])
         # Without an index the checksum covers the head of the footer alone.
-        covered = data[footer.summary_start or start - RECORD_HEAD : start + _FOOTER_SIZE - 4]
+        covered = data[footer.summary_start or start - _RECORD_HEAD : start + _FOOTER_SIZE - 4]
         if footer.summary_crc and crc32(covered.tobytes()) != footer.summary_crc:
             found = f'the checksum of the index of {name} does not fit'
             self._findings.add('wrong_checksum', found)
@@ -238,5 +238,5 @@ class McapFile(StorageFile):
         # What is in chunks has been checked chunk by chunk.
         for begin, end in [] if chunked else frame.of_kind(Opcode.DATA_END)[-1:]:
             stated = int.from_bytes(data[begin:end].tobytes(), 'little')
-            if end - begin == 4 and stated not in (0, crc32(data[: begin - RECORD_HEAD].data)):
+            if end - begin == 4 and stated not in (0, crc32(data[: begin - _RECORD_HEAD].data)):
                 self._findings.add('wrong_checksum', f'the checksum of {name} does not fit')

@@ -27,6 +27,7 @@ _LARGEST = 4_000_000
 _DEEPEST = 32
 _LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 _REQUIRED = ('version', 'storage_identifier', 'relative_file_paths', 'message_count')
+# The key that rosbag2 writes last, from a version on: a file without it was cut off.
 _LAST = {
     1: 'topics_with_message_count',
     3: 'compression_mode',
@@ -34,7 +35,6 @@ _LAST = {
     6: 'custom_data',
     8: 'ros_distro',
 }
-"""The key that rosbag2 writes last, from a version on: a file without it was cut off."""
 _KINDS: dict[str, type | tuple[type, ...]] = {
     'version': int,
     'message_count': int,

@@ -162,10 +162,10 @@ class Findings:
         return lines
 
 
-LEAST = 1_000_000_000
-"""What any recording may take [bytes]."""
-PER_BYTE = 4
-"""What it may take besides for each of its bytes [bytes]."""
+# What any recording may take [bytes].
+_LEAST = 1_000_000_000
+# What it may take besides for each of its bytes [bytes].
+_PER_BYTE = 4
 _UNPACKED_PER_BYTE = 100
 # Number, time, place and mark of each message, twice while they are joined.
 _PER_MESSAGE = 100
@@ -191,7 +191,7 @@ class Budget:
     """
 
     def __init__(self, size: int, memory: int | None = None) -> None:
-        self.memory = LEAST + PER_BYTE * size if memory is None else memory
+        self.memory = _LEAST + _PER_BYTE * size if memory is None else memory
         self.chunk = self.memory // _CHUNKS
         self._unpacked = self.memory + _UNPACKED_PER_BYTE * size
         self._messages = self.memory // _PER_MESSAGE
