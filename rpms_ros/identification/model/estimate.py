@@ -84,7 +84,7 @@ class Estimate:
     disturbance, disturbance_deviation : float
         Force that the stimulation does not cause, and its standard deviation [N].
     reasons : tuple of str
-        Why intervals are wide or a parameter is not informed, as sentences.
+        Why intervals are wide, a parameter is not informed or the response not seen, in sentences.
     unit : str
         Of every force above: ``N``, or ``N m`` where the sensor measures a torque.
     """

@@ -179,6 +179,8 @@ class DriverAudit:
 
     def note(self, kind: str, **fields: object) -> None:
         """Have an entry written soon."""
+        if self._log is None:
+            return
         if len(self._noted) < _WAITING:
             self._noted.append((kind, fields))
         else:
