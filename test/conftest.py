@@ -126,6 +126,34 @@ def any_lateness(monkeypatch):
 
     (lateness,) = (one for one in fields(DriverSettings) if one.name == 'lateness_limit_s')
     monkeypatch.setattr(lateness, 'metadata', {'bound': Bound(0.0, 10.0, 's')})
+    monkeypatch.setattr('rpms_ros.stimulation.devices.simulated.KEEP_ALIVE_LIMIT_NS', 10**10)
+
+
+@pytest.fixture
+def patient_supervision(any_lateness, monkeypatch):
+    """Drivers of this process that a machine under load may hold up for seconds.
+
+    That the limits themselves stop a device that hangs is tested in test/stimulation.
+    """
+    del any_lateness
+    from dataclasses import replace
+
+    from rpms_ros.nodes import stimulator_driver
+
+    settings_of = stimulator_driver.driver_settings_of
+
+    def patient(settings):
+        return replace(
+            settings_of(settings),
+            executor_timeout_s=5.0,
+            response_limit_s=5.0,
+            stuck_limit_s=5.0,
+            supervisor_timeout_s=5.0,
+            lateness_limit_s=5.0,
+        )
+
+    monkeypatch.setattr(stimulator_driver, 'driver_settings_of', patient)
+    monkeypatch.setattr(stimulator_driver, 'patience_s', lambda *_: 5.0)
 
 
 @pytest.fixture(scope='session')

@@ -163,7 +163,8 @@ def test_a_force_sample(graph, tracing, monkeypatch):
     assert back == [('identification/recursion/recursive', 'identification/quality/doubts')]
 
 
-def test_a_pulse(graph, tracing, instrument, monkeypatch, tmp_path):
+def test_a_pulse(graph, tracing, instrument, monkeypatch, tmp_path, patient_supervision):
+    del patient_supervision
     fake = instrument(watchdog_s=20.0)
 
     def build(_options):

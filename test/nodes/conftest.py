@@ -6,7 +6,6 @@ import os
 import socket
 import subprocess
 import sys
-from dataclasses import replace
 from functools import partial
 
 import pytest
@@ -19,11 +18,9 @@ from std_srvs.srv import Trigger
 
 from rpms_msgs.action import RunSchedule
 from rpms_msgs.msg import DriverStatus, Pulse
-from rpms_ros.nodes import stimulator_driver
 from rpms_ros.nodes.common import qos, topics
 from rpms_ros.nodes.common.operator import ButtonPublisher, OperatorClient
 from rpms_ros.nodes.common.topics import MESSAGE_TYPES
-from rpms_ros.nodes.driver.parameters import driver_settings_of
 from rpms_ros.nodes.identifier import Identifier
 from rpms_ros.nodes.live_page import LivePage
 from rpms_ros.nodes.plant_simulator import PlantSimulator
@@ -35,25 +32,8 @@ TOKEN = 'correct-horse-battery'
 
 
 @pytest.fixture(autouse=True)
-def patient_supervision(any_lateness, monkeypatch):
-    """Drivers of this process that a machine under load may hold up for seconds.
-
-    That the limits themselves stop a device that hangs is tested in test/stimulation.
-    """
-    del any_lateness
-
-    def patient(settings):
-        return replace(
-            driver_settings_of(settings),
-            executor_timeout_s=5.0,
-            response_limit_s=5.0,
-            stuck_limit_s=5.0,
-            supervisor_timeout_s=5.0,
-            lateness_limit_s=5.0,
-        )
-
-    monkeypatch.setattr(stimulator_driver, 'driver_settings_of', patient)
-    monkeypatch.setattr(stimulator_driver, 'patience_s', lambda *_: 5.0)
+def patient(patient_supervision):
+    """Every driver of these tests is one that a machine under load may hold up."""
 
 
 @pytest.fixture

@@ -162,6 +162,7 @@ def test_the_process_of_the_operator_who_has_armed_is_watched(clinic, python):
     # ada asks for a token, is heard, and does not go on; her process stays
     lab.request()
     lab.graph.wait_for(lambda: lab.driver.authority.enabled)
+    lab.driver.authority.valid_s = 60.0
     reason = reason_of_the_stop_at_a_kill(lab, python, 'bob')
     # ada's console goes on with its old token, which is refused
     assert reason.startswith('expected the process of bob to run, got its end')

@@ -18,7 +18,8 @@ from rpms_msgs.msg import DriverStatus, Pulse as PulseMessage
 from rpms_ros import messages
 from rpms_ros.errors import NodeError, RecordingError
 from rpms_ros.nodes import recorder as module
-from rpms_ros.nodes.common import qos
+from rpms_ros.nodes.common import qos, subscriptions
+from rpms_ros.nodes.common.subscriptions import QueuedTopic
 from rpms_ros.nodes.common.topics import MESSAGE_TYPES
 from rpms_ros.nodes.recorder import Recorder, recorder_health
 from rpms_ros.pulses import Pulse
@@ -149,6 +150,35 @@ def test_of_a_publisher_that_was_started_anew_nothing_is_lost(graph, tmp_path):
     second.send(1)
     graph.wait_for(lambda: recorder.counts['force'] > 3)
     assert recorder.lost == {}
+
+
+def test_of_a_publisher_that_comes_after_none_nothing_is_lost(graph, monkeypatch):
+    node = graph.node('listener')
+    topic = QueuedTopic(node, node, WrenchStamped, 'force', qos.FORCE)
+    found = []
+
+    def came(least):
+        topic.look()
+        found.extend(topic.taken())
+        return len(found) > least
+
+    first = Source(graph)
+    graph.wait_for(lambda: first._force.get_subscription_count() == 1)
+    first.send(3)
+    graph.wait_for(lambda: came(2))
+    first.node.destroy_publisher(first._force)
+    graph.wait_for(lambda: not node.get_publishers_info_by_topic(topic.name))
+    assert not came(3)
+    second = Source(graph)
+    # the first of them are not heard, as by somebody who begins to listen later
+    whole = subscriptions.drained
+    monkeypatch.setattr(
+        subscriptions, 'drained', lambda one: [some for some in whole(one) if some.sequence > 50]
+    )
+    graph.wait_for(lambda: second._force.get_subscription_count() == 1)
+    second.send(60)
+    graph.wait_for(lambda: came(12))
+    assert topic.lost == 0
 
 
 def test_a_best_effort_sensor_is_recorded_whoever_else_is_on_the_graph(graph, tmp_path):

@@ -76,7 +76,9 @@ def test_wrong_intensity_is_never_told_as_verified(meddled_train, who, rate_hz, 
     assert given.count(90) <= 1
 
 
-def test_intensity_that_was_turned_up_since_it_was_set_gives_no_pulse(meddled_train):
+def test_intensity_that_was_turned_up_since_it_was_set_gives_no_pulse(meddled_train, monkeypatch):
+    # a machine under load may wake the owner of the device too late for a look at the intensity
+    monkeypatch.setattr('rpms_ros.stimulation.driver.controller._MARGIN_NS', 200_000_000)
     run, given, told = meddled_train(panel, b'@010', 3, 2.0)
     assert given == [10, 10]
     assert run.ended == 'expected intensity 0.1 from the device, got 0.9'

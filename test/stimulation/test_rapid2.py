@@ -230,6 +230,7 @@ def test_silence_sets_zero_first_and_waits_for_nobody(fake, device, wait_for):
     returned = []
     hanging = threading.Thread(target=lambda: returned.append(device.keep_alive()))
     hanging.start()
+    wait_for(lambda: bool(fake._pending))
     began = time.monotonic()
     device.silence()
     device.silence()

@@ -119,7 +119,8 @@ class QueuedTopic:
         if self._gids and gids - self._gids:
             # one that is new begins its numbers anew
             self._newest = None
-        self._gids = gids
+        # while nobody publishes, the last ones
+        self._gids = gids or self._gids
         self.publishers = max(self.publishers, len(infos))
         best = [one.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT for one in infos]
         begins = bool(best) and all(best) and self._best_effort is None

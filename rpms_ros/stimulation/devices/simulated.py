@@ -16,8 +16,8 @@ from rpms_ros.stimulation.devices.registry import (
     TooLate,
 )
 
-# A device that listens every 0.5 s allows one message to be lost.
-KEEP_ALIVE_LIMIT_NS = 1_100_000_000
+# Longer than a driver of a simulated device may stand still, 2 s.
+KEEP_ALIVE_LIMIT_NS = 2_500_000_000
 
 
 class SimulatedDevice:

@@ -296,9 +296,9 @@ class SafetyMonitor:
         return self._standing.reason
 
     def status(self) -> tuple[State, bool, str]:
-        """Return state, whether a stop is latched, and the reason; waits for nothing."""
-        state, reason = self._standing
-        return state, self.interlocks.latched, reason
+        """Return state, whether a stop is latched, and the reason; waits for no device."""
+        with self._lock:
+            return self.state, self.interlocks.latched, self.reason
 
     def stop(self, name: str, reason: str) -> None:
         """Stop at once and latch it, in whatever state."""
