@@ -26,7 +26,8 @@ _MOST_WAITS = 5
 _CATCH = 0.1
 
 
-PROTOCOLS = {
+# Function of `rpms_ros.stimulation.schedule.protocols` and what it is for, by name.
+_PROTOCOLS = {
     'uniform_random': ('paper_random', 'uniform random intensity, 0 to 100 % at 20 Hz for 90 s'),
     'sinusoid': (
         'paper_sinusoid',
@@ -39,11 +40,10 @@ PROTOCOLS = {
     'recruitment': ('recruitment', 'staircases of 21 intensities at six rates from 15 to 35 Hz'),
     'muscle': ('muscle', 'twitches, trains and recruitment, for `rpms analyze`'),
 }
-"""Function of `rpms_ros.stimulation.schedule.protocols` and what it is for, by name."""
 
 
 def built(name: str, arguments: argparse.Namespace) -> 'Schedule':
-    """Return a schedule of `PROTOCOLS`, with what was given in place of its own figures.
+    """Return a schedule of `rpms protocol`, with what was given in place of its own figures.
 
     Raises
     ------
@@ -52,7 +52,7 @@ def built(name: str, arguments: argparse.Namespace) -> 'Schedule':
     """
     from rpms_ros.stimulation.schedule import protocols
 
-    maker = getattr(protocols, PROTOCOLS[name][0])
+    maker = getattr(protocols, _PROTOCOLS[name][0])
     taken = signature(maker).parameters
     given: dict[str, Any] = {}
     if (catch := arguments.catch) is not None or 'catch_share' in taken:
@@ -71,14 +71,14 @@ def built(name: str, arguments: argparse.Namespace) -> 'Schedule':
 
 def add_protocol(subparsers: Any) -> None:
     """Add `rpms protocol`."""
-    protocols = '; '.join(f'{name}: {summary}' for name, (_, summary) in PROTOCOLS.items())
+    protocols = '; '.join(f'{name}: {summary}' for name, (_, summary) in _PROTOCOLS.items())
     parser = subparsers.add_parser(
         'protocol',
         help='write a schedule that has a name',
         description='Write a schedule as YAML, to run, to check or to change by hand.',
         epilog=f'protocols: {protocols}',
     )
-    parser.add_argument('name', choices=sorted(PROTOCOLS), help='which one')
+    parser.add_argument('name', choices=sorted(_PROTOCOLS), help='which one')
     add_option(parser, '--out FILE', None, 'new YAML file', type=Path, required=True)
     add_option(parser, '--rate HZ', None, 'repetition rate instead', dest='rate_hz', type=float)
     add_option(parser, '--duration S', None, 'length instead', dest='duration_s', type=float)

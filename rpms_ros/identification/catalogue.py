@@ -121,13 +121,13 @@ def estimator_names() -> tuple[str, ...]:
     return (*ESTIMATORS, *sorted(entry_points(group=GROUP).names - set(ESTIMATORS)))
 
 
-OFF_LINE = ('batch',)
-"""Estimators whose estimate takes longer the longer the session."""
+# Estimators whose estimate takes longer the longer the session.
+_OFF_LINE = ('batch',)
 
 
 def on_line_names() -> tuple[str, ...]:
     """Return the names of the estimators that may run on line."""
-    return tuple(name for name in estimator_names() if name not in OFF_LINE)
+    return tuple(name for name in estimator_names() if name not in _OFF_LINE)
 
 
 def estimator_by_name(

@@ -41,7 +41,8 @@ SHORTEST_TOKEN = 16
 _LONGEST_TOKEN = 200
 _SCHEME = 'Bearer '
 
-HEADERS: Mapping[str, str] = {
+# Sent with every answer: nothing from elsewhere, in no frame, kept by nobody.
+_HEADERS: Mapping[str, str] = {
     'Content-Security-Policy': (
         "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
         "img-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -53,7 +54,6 @@ HEADERS: Mapping[str, str] = {
     'Cross-Origin-Opener-Policy': 'same-origin',
     'Cache-Control': 'no-store',
 }
-"""Sent with every answer: nothing from elsewhere, in no frame, kept by nobody."""
 
 
 @dataclass(frozen=True)
@@ -206,10 +206,8 @@ class LiveServer:
         try:
             self._socket = _bound(address, port)
         except (OSError, UnicodeError, OverflowError) as error:
-            raise LiveError(
-                f'expected to listen on port {port} of {address}, got {error}; '
-                'another page may be running there: choose another port'
-            ) from error
+            fault = f'expected to listen on port {port} of {address}, got {error}'
+            raise LiveError(fault) from error
         self.address = address
         self.port: int = self._socket.getsockname()[1]
         self.failure: Exception | None = None
@@ -335,7 +333,7 @@ class _Guarded(RequestHandler):
         self.server = server
 
     def set_default_headers(self) -> None:
-        for name, value in HEADERS.items():
+        for name, value in _HEADERS.items():
             self.set_header(name, value)
         self.clear_header('Server')
 

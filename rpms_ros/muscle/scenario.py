@@ -157,8 +157,8 @@ class Tremor:
 Effort = VoluntaryEffort | Spasm | Tremor | Bump
 """One kind of force that the stimulation does not cause."""
 
-EFFORTS: dict[str, type[Effort]] = {effort.kind: effort for effort in typing.get_args(Effort)}
-"""Kinds of effort by their names in a scenario."""
+# Kinds of effort by their names in a scenario.
+_EFFORTS: dict[str, type[Effort]] = {effort.kind: effort for effort in typing.get_args(Effort)}
 
 
 def _since(time: FloatArray, at: float, every: float | None) -> FloatArray:
@@ -276,13 +276,13 @@ def _scenario(content: object) -> Scenario:
 def _effort(content: object, place: str) -> Effort:
     keys = _mapping(content, place)
     kind = keys.get('kind')
-    if not isinstance(kind, str) or kind not in EFFORTS:
+    if not isinstance(kind, str) or kind not in _EFFORTS:
         raise _Fault(
             join(place, 'kind') if 'kind' in keys else place,
-            f'expected a kind of {", ".join(EFFORTS)}, got {shown(kind)}',
+            f'expected a kind of {", ".join(_EFFORTS)}, got {shown(kind)}',
         )
     rest = {key: value for key, value in keys.items() if key != 'kind'}
-    return _built(EFFORTS[kind], rest, place)
+    return _built(_EFFORTS[kind], rest, place)
 
 
 def _built(cls: type[T], content: object, place: str) -> T:

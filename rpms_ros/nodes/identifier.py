@@ -293,13 +293,15 @@ class Identifier(NodeOfParts):
 
     def _reset(self) -> str:
         """Forget everything and start again, as after a change of the electrode or the coil."""
-        self.stream = build_stream(self.settings)
+        held, self.stream = self.stream.held, build_stream(self.settings)
+        if held:
+            self.stream.hold()
         for ear in (self._force, self._pulses):
             ear.taken()
         self._senders = Publishers(self)
         self._reported, self._doubted = {}, ''
         self._last = None
-        return 'reset: the identification starts again'
+        return f'reset: the identification starts again{", held" if held else ""}'
 
     def _hold(self) -> str:
         """Predict and do not learn, while somebody moves the coil, say."""
@@ -374,11 +376,11 @@ class Identifier(NodeOfParts):
 
     def _report(self) -> None:
         self._senders.look()
-        topic = self.resolve_topic_name(topics.FORCE)
         for ear in (self._force, self._pulses):
-            if ear.look():
-                how = 'published best effort: it is heard, and messages may be lost'
-                logger_of(self).warning(f'{ear.name} is {how}')
+            if said := ear.look():
+                logger_of(self).warning(said)
+            if ear.foreign:
+                logger_of(self).warning(ear.foreign, throttle_duration_sec=_SILENCE)
         faults = {**self.stream.fault_counts, **self._senders.fault_counts}
         for name, count in faults.items():
             if count != self._reported.get(name):
@@ -387,8 +389,8 @@ class Identifier(NodeOfParts):
         self._say_doubts()
         silence = time.monotonic() - self._heard
         if silence > _SILENCE:
-            publishers = self.count_publishers(topic)
-            said = f'no force on {topic} for {silence:.0f} s ({publishers} publishers)'
+            publishers = self.count_publishers(self._force.name)
+            said = f'no force on {self._force.name} for {silence:.0f} s ({publishers} publishers)'
             logger_of(self).warning(said, throttle_duration_sec=_SILENCE)
         health = identifier_health(self._last, faults, silence > _SILENCE, self.stream.held)
         self._diagnostics.publish(health)

@@ -50,14 +50,14 @@ from rpms_ros.nodes.common.subscriptions import drained, queued_subscription
 
 _Data = TypeVar('_Data', bytes, list[bytes])
 
-TYPES: dict[str, tuple[str, type, float]] = {
+# Topic, type and longest silence [s] of what is shown.
+_TYPES: dict[str, tuple[str, type, float]] = {
     shown.FORCE: (topics.FORCE, WrenchStamped, 0.5),
     # no pulses are no fault
     shown.PULSES: (topics.PULSES, Pulse, float('inf')),
     shown.ESTIMATE: (topics.ESTIMATE, MuscleEstimate, 2.0),
     shown.DRIVER: (topics.DRIVER_STATUS, DriverStatus, 1.0),
 }
-"""Topic, type and longest silence [s] of what is shown."""
 
 # Bytes of a message up to the end of its stamp, with which each of them begins.
 _SHORTEST = 12
@@ -87,7 +87,7 @@ class LiveListener:
         self._node = node.second_node()
         self._subscriptions = {
             key: queued_subscription(self._node, kind, session.topics[key].name, qos.VIEW)
-            for key, (_, kind, _) in TYPES.items()
+            for key, (_, kind, _) in _TYPES.items()
         }
         self._unread: list[bytes] = []
         self._next_estimate = -math.inf
@@ -305,7 +305,7 @@ class LivePage(NodeOfParts):
             token = token_of(Path(settings.token_file).expanduser())
         heard = {
             key: Topic(self.resolve_topic_name(name), topics.type_name_of(kind), silence)
-            for key, (name, kind, silence) in TYPES.items()
+            for key, (name, kind, silence) in _TYPES.items()
         }
         namespace, own = self.get_namespace(), self.get_fully_qualified_name()
         unit, first = UNITS[settings.quantity], _first_curve_s()

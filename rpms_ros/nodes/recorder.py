@@ -12,7 +12,7 @@ recorder empties them.
 import json
 import shutil
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
@@ -48,7 +48,7 @@ from rpms_ros.recording.rosbag.verifying import LOST_KEY, PUBLISHERS_KEY
 _LEAST_ROOM = 1_000_000_000
 
 
-def recorder_health(path: Path, counts: Mapping[str, int], lost: Mapping[str, int]) -> Health:
+def recorder_health(path: Path, counts: Mapping[str, int], faults: Sequence[str]) -> Health:
     """Return the health of a recorder.
 
     Parameters
@@ -57,8 +57,8 @@ def recorder_health(path: Path, counts: Mapping[str, int], lost: Mapping[str, in
         Folder of the recording.
     counts : mapping of str to int
         Messages so far, by topic.
-    lost : mapping of str to int
-        Messages that were lost, by topic.
+    faults : sequence of str
+        What is not recorded.
 
     Raises
     ------
@@ -71,9 +71,8 @@ def recorder_health(path: Path, counts: Mapping[str, int], lost: Mapping[str, in
         raise NodeError(f'expected the folder of the recording, got {error}') from error
     free_mb, total = f'{free / 1e6:.0f}', sum(counts.values())
     level, said = DiagnosticStatus.OK, 'recording' if total else 'recording; no message yet'
-    faults = [f'{count} messages of {name} lost' for name, count in lost.items()]
     if free < _LEAST_ROOM:
-        faults.append(f'{free_mb} MB are left on the disk')
+        faults = [*faults, f'{free_mb} MB are left on the disk']
     if faults:
         level, said = DiagnosticStatus.WARN, '; '.join(faults)
     figures = {
@@ -152,7 +151,7 @@ class Recorder(NodeOfParts):
         self._ears: dict[str, QueuedTopic] = {}
         # in the recording, once a message has come
         self._numbers: dict[str, int] = {}
-        self._told: dict[str, int] = {}
+        self._told: list[str] = []
         # an open recording is ended properly, whatever fails from here on
         self._parts.callback(self.close)
         self._diagnostics = DiagnosticsPublisher(
@@ -198,28 +197,24 @@ class Recorder(NodeOfParts):
             self.counts[name] += 1
             self._writer.append(self._numbers[name], received_ns, data)
 
-    def _look(self) -> None:
-        """Look at the publishers."""
-        for ear in self._ears.values():
-            if ear.look():
-                how = 'published best effort: it is recorded, and messages may be lost'
-                logger_of(self).warning(f'{ear.name} is {how}')
-
     def _report(self) -> None:
         """Publish the health of the recorder."""
         if self._closed:
             return
-        before, self._told = self._told, self.lost
-        for name, count in self._told.items():
-            if count != before.get(name):
-                heard = self._ears[name].name
-                logger_of(self).warning(f'{count} messages of {heard} were lost so far')
-        self._diagnostics.publish(recorder_health(self.path, self.counts, self._told))
+        faults = [f'{count} messages of {name} lost' for name, count in self.lost.items()]
+        faults += [ear.foreign for ear in self._ears.values() if ear.foreign]
+        for fault in faults:
+            if fault not in self._told:
+                logger_of(self).warning(fault)
+        self._told = faults
+        self._diagnostics.publish(recorder_health(self.path, self.counts, faults))
 
     def _flush(self) -> None:
         if self._closed:
             return
-        self._look()
+        for ear in self._ears.values():
+            if said := ear.look():
+                logger_of(self).warning(said)
         try:
             self._writer.flush()
         except RecordingError as error:
@@ -233,12 +228,9 @@ class Recorder(NodeOfParts):
         with suppress(RecordingError):
             self._take()
         self._closed = True
-        ears = self._ears.values()
-        lost = {ear.name: ear.lost for ear in ears}
-        publishers = {ear.name: ear.publishers for ear in ears}
-        for key, counts in ((PUBLISHERS_KEY, publishers), (LOST_KEY, lost)):
-            known = {name: count for name, count in counts.items() if count}
-            self._writer.custom[key] = json.dumps(known)
+        for key, what in ((PUBLISHERS_KEY, 'publishers'), (LOST_KEY, 'lost')):
+            counts = {ear.name: getattr(ear, what) for ear in self._ears.values()}
+            self._writer.custom[key] = json.dumps({name: n for name, n in counts.items() if n})
         try:
             self._writer.close()
         except RecordingError as error:

@@ -208,6 +208,10 @@ def test_hold_predicts_and_resume_learns(graph, capfd):
     assert held.nonlinear.tolist() == before.nonlinear.tolist()
     assert bench.call('resume') == 'resumed: learns'
     assert bench.send(*part(*whole, 2000, 3500)).nonlinear.tolist() != held.nonlinear.tolist()
+    bench.call('hold')
+    # who begins anew while the coil is moved does not learn before that is over
+    assert bench.call('reset') == 'reset: the identification starts again, held'
+    assert bench.identifier.stream.held
     said = ''.join(capfd.readouterr())
     assert 'identifying with recursive: force [N] on /force along z' in said
     assert 'held: predicts, does not learn' in said

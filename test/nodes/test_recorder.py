@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 from rosbags.interfaces import QosDurability, QosReliability
 from rosbags.rosbag2 import Reader
@@ -18,9 +18,10 @@ from rpms_msgs.msg import DriverStatus, Pulse as PulseMessage
 from rpms_ros import messages
 from rpms_ros.errors import NodeError, RecordingError
 from rpms_ros.nodes import recorder as module
-from rpms_ros.nodes.common import qos, subscriptions
+from rpms_ros.nodes.common import qos, subscriptions, topics
 from rpms_ros.nodes.common.subscriptions import QueuedTopic
 from rpms_ros.nodes.common.topics import MESSAGE_TYPES
+from rpms_ros.nodes.identifier import Identifier
 from rpms_ros.nodes.recorder import Recorder, recorder_health
 from rpms_ros.pulses import Pulse
 from rpms_ros.recording import read_facts, read_recording
@@ -247,9 +248,42 @@ def test_a_recorder_hears_a_best_effort_sensor_without_being_told(graph, tmp_pat
 
     graph.wait_for(heard)
     said = ''.join(capfd.readouterr())
-    assert '/force is published best effort: it is recorded' in said
+    assert '/force is published best effort: it is heard' in said
     recorder.close()
     assert f'closed {recorder.path}: ' in ''.join(capfd.readouterr())
+
+
+FLOATS = """
+import rclpy
+from rclpy.node import Node
+from std_msgs.msg import Float64
+from rpms_ros.nodes.common.runner import use_fast_discovery
+use_fast_discovery()
+rclpy.init()
+node = Node('scale')
+publisher = node.create_publisher(Float64, 'force', 10)
+rclpy.spin(node)
+"""
+
+
+def test_a_force_of_another_type_is_told_while_there_is_time(graph, python, tmp_path, capfd):
+    recorder = graph.add(Recorder, path=str(tmp_path / 'session'))
+    graph.add(Identifier)
+    diagnostics = graph.heard(DiagnosticArray, topics.DIAGNOSTICS)
+    # a participant has one type for a topic
+    python('-c', FLOATS)
+    told = 'expected geometry_msgs/msg/WrenchStamped on /force, got std_msgs/msg/Float64'
+    graph.wait_for(
+        lambda: any(told == one.status[0].message for one in diagnostics), timeout=120.0
+    )
+    said = []
+
+    def by_both():
+        said.append(''.join(capfd.readouterr()))
+        return all(f'[{who}]: {told}' in ''.join(said) for who in ('recorder', 'identifier'))
+
+    graph.wait_for(by_both)
+    recorder.close()
 
 
 def test_a_recorder_says_what_it_lacks(tmp_path, monkeypatch):
@@ -258,16 +292,16 @@ def test_a_recorder_says_what_it_lacks(tmp_path, monkeypatch):
         monkeypatch.setattr(module.shutil, 'disk_usage', lambda path: path.stat() and usage)
 
     room(5_000_000_000)
-    assert recorder_health(tmp_path, {'force': 0}, {}).message == 'recording; no message yet'
-    fine = recorder_health(tmp_path, {'force': 3}, {})
+    assert recorder_health(tmp_path, {'force': 0}, []).message == 'recording; no message yet'
+    fine = recorder_health(tmp_path, {'force': 3}, [])
     assert (fine.level, fine.message) == (DiagnosticStatus.OK, 'recording')
     assert fine.figures['messages of force'] == 3
-    lossy = recorder_health(tmp_path, {'force': 3}, {'force': 7})
+    lossy = recorder_health(tmp_path, {'force': 3}, ['7 messages of force lost'])
     assert (lossy.level, lossy.message) == (DiagnosticStatus.WARN, '7 messages of force lost')
     with pytest.raises(NodeError, match=r'expected the folder of the recording, got .*No such'):
-        recorder_health(tmp_path / 'gone', {}, {})
+        recorder_health(tmp_path / 'gone', {}, [])
     room(20_000_000)
-    full = recorder_health(tmp_path, {'force': 3}, {})
+    full = recorder_health(tmp_path, {'force': 3}, [])
     assert (full.level, full.message) == (DiagnosticStatus.WARN, '20 MB are left on the disk')
 
 

@@ -49,6 +49,14 @@ def test_a_gate_that_rests_high_falls_with_a_pulse(tmp_path):
     assert dict(found.facts)['pulses'] == "'Trigger', rising edges (--edge)"
 
 
+def test_no_pulse_of_a_gate_with_two_phases_is_lost(tmp_path):
+    second = np.roll(gate(), 3)
+    found = imported(tmp_path / 'a.csv', gate() - second)
+    assert places(found) == PLACES.tolist()
+    assert found.pulses.sequence[0] == 0
+    np.testing.assert_allclose(found.pulses.width, 3e-3)
+
+
 def test_noise_is_no_gate(tmp_path):
     with pytest.raises(
         Ambiguous,
@@ -261,6 +269,12 @@ def test_a_list_beside_a_column_of_times(tmp_path):
         expect_the_session(of_matlab(tmp_path / 'a.mat', content, **options), 7.0)
     content = {'force': FORCE, 'time': TIME, 'stim_idx': PLACES + 1}
     expect_the_session(of_matlab(tmp_path / 'a.mat', content))
+
+
+def test_a_pulse_after_the_end_of_the_force_changes_no_unit(tmp_path):
+    seconds = np.append(TIME[PLACES], 4.5)
+    found = of_matlab(tmp_path / 'a.mat', {'t': TIME, 'force': FORCE, 'stim': seconds})
+    assert found.pulses.onset_ns.tolist() == (1e9 * seconds).round().astype(int).tolist()
 
 
 def test_the_unit_can_be_decided(tmp_path):

@@ -166,6 +166,50 @@ def test_matlab(tmp_path):
     expect_the_session(*imported(path, sampling_rate=1000.0, force='data 1', pulse='data 2'))
 
 
+STATED = {'fs': 1000.0, 'force': FORCE, 'stim_times': TIME[ONSETS]}
+
+
+@pytest.mark.parametrize('late_s', [0.001, 5.0, -0.02])
+def test_times_beside_the_rate_that_a_matlab_file_states_are_those_of_the_samples(
+    tmp_path, late_s
+):
+    path, late = tmp_path / 'session.mat', {'t': TIME + late_s}
+    savemat(path, {**STATED, **late, 'stim_times': TIME[ONSETS] + late_s})
+    pulses, forces = imported(path)
+    expect_the_session(pulses, forces, late_s=late_s % 1.0 if late_s < 0.0 else late_s)
+    paused = np.where(TIME < 0.1, TIME, TIME + 10.0)
+    savemat(path, {**STATED, 't': paused, 'stim_times': paused[ONSETS]})
+    pulses, forces = imported(path)
+    np.testing.assert_allclose(forces.stamp_ns, 1e9 * paused, atol=1.0)
+    assert pulses.onset_ns.tolist() == forces.stamp_ns[ONSETS].tolist()
+
+
+def test_times_that_contradict_the_rate_that_a_file_states_are_not_guessed(tmp_path):
+    path = tmp_path / 'session.mat'
+    savemat(path, {**STATED, 't': TIME / 1.005})
+    message = r"expected times of 1000 samples a second in .*, got 't' with 1005 in s: --time COL"
+    with pytest.raises(Ambiguous, match=message):
+        imported(path)
+    expect_the_session(*imported(path, sampling_rate=1000.0))
+    assert imported(path, time='t')[1].stamp_ns[-1] == pytest.approx(1e9 * TIME[-1] / 1.005)
+
+
+@pytest.mark.parametrize('given', [{'sampling_rate': 2000.0}, {'time_unit': 'ms'}])
+def test_signals_with_times_of_their_own_take_no_rate_and_no_unit(tmp_path, given):
+    path = tmp_path / 'leg.mat'
+    savemat(path, spike2_matlab())
+    with pytest.raises(RecordingError, match=r"expected no --sampling-rate .* for 'Force', whic"):
+        imported(path, **given)
+
+
+def test_a_spike2_channel_of_levels_is_one_pulse_each_time_it_goes_up(tmp_path):
+    path, channels = tmp_path / 'leg.mat', spike2_matlab()
+    times = np.add.outer(0.25 + TIME[ONSETS], [0.0, 0.005]).reshape(-1, 1)
+    channels['leg_Ch3'] |= {'times': times, 'level': np.tile([1, 0], len(ONSETS))[:, None]}
+    savemat(path, channels)
+    expect_the_session(*imported(path), late_s=0.25)
+
+
 def spike2_matlab(**change):
     """Channels as Spike2 exports them to MATLAB: a waveform each of force and gate, and events."""
     force = {'title': 'Force', 'comment': '', 'interval': 0.001, 'scale': 1.0, 'offset': 0.0}
@@ -266,6 +310,24 @@ def test_labchart_text(tmp_path):
     with pytest.raises(RecordingError, match=r'expected one block in .*, got 2: --block 1 to 2'):
         read_signals(path)
     expect_the_session(*imported(path, block=2))
+
+
+def test_a_channel_of_labchart_without_a_title_keeps_its_place(tmp_path):
+    path = tmp_path / 'session.txt'
+    head = LABCHART.replace('ChannelTitle=\tForce\t', 'ChannelTitle=\t\t')
+    head = head.replace('UnitName=\tN\tV', 'UnitName=\t\tV').replace('10.000 V\t10', '\t10')
+    path.write_text(head + '\n'.join(rows('\t')))
+    force, gate = read_signals(path).signals
+    assert (force.name, force.unit, gate.name, gate.unit) == ('column 1', '', 'Stim', 'V')
+    assert gate.values.max() == 5.0
+
+
+def test_a_title_may_end_in_min(tmp_path):
+    path = tmp_path / 'trial.csv'
+    path.write_text('\n'.join(['Time min\tForce\tGate', *rows('\t', time=1 / 60)]))
+    assert dict(import_file(path, ImportOptions()).facts)['time'] == (
+        "'Time min' in min, as the file says"
+    )
 
 
 def counted(path, name, above=''):

@@ -270,8 +270,8 @@ def knots_of_change(
     return np.array(knots) + lag, tuple(paused)
 
 
-LONGEST_BASIS = LaguerreBasis(7, 90e-3, 30e-3)
-"""Slowest twitch and longest latency of the bases that are tried."""
+# Slowest twitch and longest latency of the bases that are tried.
+_LONGEST_BASIS = LaguerreBasis(7, 90e-3, 30e-3)
 
 
 @dataclass(frozen=True)
@@ -357,7 +357,7 @@ class TrackingEstimator(ProjectionEstimator):
         self, settings: TrackingSettings | None = None, rate_hz: float = DEFAULT_RATE
     ) -> None:
         settings = settings if settings is not None else TrackingSettings()
-        seconds = settings.window + LONGEST_BASIS.duration
+        seconds = settings.window + _LONGEST_BASIS.duration
         self._choose, self._find = settings.choose_basis, settings.find_changes
         self._longest = settings.window
         self._capacity = int(seconds * _HIGHEST_RATE) + _SPARE_BLOCKS
@@ -379,7 +379,7 @@ class TrackingEstimator(ProjectionEstimator):
     @property
     def memory(self) -> float:
         """Longest time for which a pulse may act on the model's output [s]."""
-        return LONGEST_BASIS.duration
+        return _LONGEST_BASIS.duration
 
     def add_pulses(self, onset_ns: IntArray, intensity: FloatArray) -> None:
         """Add pulses (pulses,), ascending, none before one that was already added [ns, 1]."""

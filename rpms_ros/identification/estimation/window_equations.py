@@ -61,8 +61,8 @@ from rpms_ros.pulses import FloatArray, IntArray
 _TERMS, _LAST_TERM = 16, 1e-10
 MOVING = 2
 """Elements of theta that change slowly: u_thr, u_sat."""
-NO_SLOWING = 1e-5
-"""A change of the time constant by a thousandth of a percent makes no difference."""
+# A change of the time constant by a thousandth of a percent makes no difference.
+_NO_SLOWING = 1e-5
 
 
 @numba.njit(cache=True)
@@ -82,7 +82,7 @@ def time_scale_derivative(linear: FloatArray) -> FloatArray:
 def time_scaled(linear: FloatArray, slowing: float) -> FloatArray:
     """Return w (functions,) with its response stretched in time by ``e^slowing``."""
     term, total = linear.copy(), linear.copy()
-    if abs(slowing) < NO_SLOWING:
+    if abs(slowing) < _NO_SLOWING:
         return total
     for order in range(1, _TERMS):
         term = time_scale_derivative(term) * (slowing / order)
@@ -558,7 +558,7 @@ def assembled(intervals: Intervals, point: Point, position: FloatArray) -> Equat
         gain = 1.0 + _at_age(point.gain, position[index])
         delay = _at_age(point.slowing, position[index])
         gram, right = intervals.gram[index], intervals.right[index]
-        if abs(delay) >= NO_SLOWING:
+        if abs(delay) >= _NO_SLOWING:
             gram, right = time_scaled_columns(gram, right, delay, powers)
         _multiply(columns, bounds, gain, gram, products)
         # right-hand side of the residual at the point, by the columns of the interval

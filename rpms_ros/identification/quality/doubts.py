@@ -112,7 +112,8 @@ MEANING: Mapping[str, str] = {
     FACTORISATION_FAILED: 'steps of an estimator that were not taken: matrix not positive',
 }
 
-LARGEST_SHARES: Mapping[str, float] = {
+# Share of the samples that each fault may have without a doubt; monitors may add others.
+_LARGEST_SHARES: Mapping[str, float] = {
     **dict.fromkeys((FORCE_OUT_OF_BOUNDS, FORCE_STAMP_NOT_AFTER_LAST, FORCE_STAMP_ALONE), 0.01),
     **dict.fromkeys((FORCE_QUEUE_FULL, FORCE_SPIKE, FORCE_OUTLIER), 0.01),
     **dict.fromkeys((FORCE_FROZEN, FORCE_CLIPPED), 0.01),
@@ -121,7 +122,6 @@ LARGEST_SHARES: Mapping[str, float] = {
     FORCE_CONSTANT: 0.0,
     SAMPLES_EXCLUDED: 0.5,
 }
-"""Share of the samples that each fault may have without a doubt; monitors may add others."""
 
 CURVE_NEGATIVE = 'curve_negative'
 CURVE_BEYOND_FORCE = 'curve_beyond_force'
@@ -230,7 +230,7 @@ class Doubts:
     """
 
     def __init__(self, shares: Mapping[str, float], lasting: bool) -> None:
-        self._shares = {**LARGEST_SHARES, **shares}
+        self._shares = {**_LARGEST_SHARES, **shares}
         self._lasting = lasting
         self._notes: deque[tuple[int, int, dict[str, int]]] = deque([(0, 0, {})])
         self._found: set[str] = set()
@@ -625,15 +625,15 @@ class IntensitySteps:
         np.add.at(self._count, (near * level[:-1], level[1:]), 1.0)
         self._onset_ns, self._level = onset_ns[-1:], level[-1:]
 
-    def slow(self, estimate: Estimate) -> bool:
-        """Return whether what pulses recruit hardly changes from one to the next."""
+    def reasons(self, estimate: Estimate) -> tuple[str, ...]:
+        """Return a reason if what pulses recruit hardly changes from one to the next."""
         pulses, share = self._count.sum(axis=0), np.linspace(0.0, 1.0, _LEVELS)
         if not (estimate.curve_known and pulses.any()):
-            return False
+            return ()
         force = np.interp(share, estimate.curve_intensity, estimate.curve_force)
         spread = np.square(force - np.average(force, weights=pulses))
         steps = self._count * np.square(force[:, None] - force)
-        return bool(steps.sum() < _SLOW_STEPS * pulses @ spread)
+        return (SLOW_INTENSITIES,) if steps.sum() < _SLOW_STEPS * pulses @ spread else ()
 
 
 def doubted(estimate: Estimate, holds: Mapping[str, bool]) -> Estimate:

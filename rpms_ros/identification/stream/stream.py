@@ -19,7 +19,6 @@ from rpms_ros.identification.model.estimate import Estimate, Estimator, Predicti
 from rpms_ros.identification.quality import doubts as faults
 from rpms_ros.identification.quality.doubts import (
     RESPONSE_MISFIT,
-    SLOW_INTENSITIES,
     Alignment,
     Doubts,
     FaultCounter,
@@ -443,8 +442,7 @@ class IdentificationStream:
         if self.estimator.on_line and self._misfit.doubted and estimate.curve_known:
             doubts = (*doubts, RESPONSE_MISFIT)
         found = self._alignment.found
-        slow = [SLOW_INTENSITIES] if self._steps.slow(estimate) else []
-        reasons = (*estimate.reasons, *found.values(), *slow)
+        reasons = (*estimate.reasons, *found.values(), *self._steps.reasons(estimate))
         return replace(estimate, doubts=(*found, *doubts), reasons=reasons)
 
     def _jump_back(self, newest_ns: int, stamp_ns: int) -> None:

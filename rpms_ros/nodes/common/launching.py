@@ -21,15 +21,15 @@ Argument = tuple[str, str, str]
 """Name, default and description of a launch argument."""
 
 PACKAGE = 'rpms_ros'
-AS_THE_FILES_SAY = 'Empty: as the files say.'
-"""How the description of an argument ends that replaces a parameter only if it is given."""
-COMMON: tuple[Argument, ...] = (
+# How the description of an argument ends that replaces a parameter only if it is given.
+_AS_THE_FILES_SAY = 'Empty: as the files say.'
+# Arguments of every launch file.
+_COMMON: tuple[Argument, ...] = (
     ('parameters', '', 'YAML of parameters that replace those of config/.'),
     ('live', 'false', 'Serve the live page as well, at http://127.0.0.1:8765/.'),
     ('record', 'false', 'Record as well.'),
     ('path', '', 'Folder of the recording; empty makes a name.'),
 )
-"""Arguments of every launch file."""
 
 
 def described(
@@ -40,7 +40,7 @@ def described(
     Parameters
     ----------
     arguments : iterable of Argument
-        Before those of `COMMON`.
+        Before those of every launch file.
     nodes : callable
         Returns the nodes as the arguments say.
     """
@@ -55,7 +55,7 @@ def described(
             description=meaning,
             choices=['true', 'false'] if name in ('live', 'record') else None,
         )
-        for name, default, meaning in (*arguments, *COMMON)
+        for name, default, meaning in (*arguments, *_COMMON)
     ]
 
     def started(context: 'LaunchContext') -> 'list[Node]':

@@ -38,8 +38,8 @@ from rpms_ros.nodes.common.parameters import NodeParameters, descriptions
 from rpms_ros.nodes.common.subscriptions import second_node
 from rpms_ros.report.text import labelled
 
-SUSPENDING = (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
-"""Signals that would suspend the process; SIGSTOP cannot be caught."""
+# Signals that would suspend the process; SIGSTOP cannot be caught.
+_SUSPENDING = (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
 
 # Nothing can be done after a fault of the processor, in whose instruction these come.
 _FAULTS = {'SIGSEGV', 'SIGBUS', 'SIGFPE', 'SIGILL', 'SIGTRAP', 'SIGSYS'}
@@ -56,7 +56,7 @@ def name_of(number: int) -> str:
 
 ENDING = tuple(
     number
-    for number in sorted(signal.valid_signals() - set(SUSPENDING))
+    for number in sorted(signal.valid_signals() - set(_SUSPENDING))
     if name_of(number) not in _FAULTS | _NEVER_CAUGHT | _IGNORED
 )
 """Signals that would end the process: all that can be caught."""
@@ -93,7 +93,7 @@ class StopRequest:
         A handler in Python waits until the main thread runs Python code; the byte that wakes this
         thread does not.  Signals that would suspend the process end it from now on.
         """
-        self._take_over(SUSPENDING)
+        self._take_over(_SUSPENDING)
         read, written = os.pipe()
         os.set_blocking(written, False)
         signal.set_wakeup_fd(written, warn_on_full_buffer=False)

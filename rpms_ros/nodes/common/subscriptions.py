@@ -16,6 +16,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
 from rpms_ros.nodes.common.qos import VIEW
+from rpms_ros.nodes.common.topics import type_name_of
 
 
 def second_node(node: Node, suffix: str = '_subscriptions') -> Node:
@@ -97,6 +98,8 @@ class QueuedTopic:
         Most that there were at a time.
     lost : int
         Messages that are missing in the numbers of the publisher; of several it is not known.
+    foreign : str
+        What is published there that cannot be heard, since it is of another type; else empty.
     """
 
     def __init__(
@@ -110,12 +113,15 @@ class QueuedTopic:
         self._seen: dict[tuple[int | None, int], None] = {}
         self._newest: int | None = None
         self._gids: set[tuple[int, ...]] = set()
-        self.publishers = self.lost = 0
+        self.publishers, self.lost, self.foreign = 0, 0, ''
 
-    def look(self) -> bool:
-        """Look at the publishers; return whether it is heard best effort from now on."""
+    def look(self) -> str:
+        """Look at the publishers; say that it is heard best effort from now on, else nothing."""
         infos = self._listener.get_publishers_info_by_topic(self.name)
         gids = {tuple(one.endpoint_gid) for one in infos}
+        own = type_name_of(self._kind)
+        others = ', '.join(sorted({one.topic_type for one in infos} - {own}))
+        self.foreign = f'expected {own} on {self.name}, got {others}' if others else ''
         if self._gids and gids - self._gids:
             # one that is new begins its numbers anew
             self._newest = None
@@ -123,14 +129,14 @@ class QueuedTopic:
         self._gids = gids or self._gids
         self.publishers = max(self.publishers, len(infos))
         best = [one.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT for one in infos]
-        begins = bool(best) and all(best) and self._best_effort is None
-        if begins:
+        if best and all(best) and self._best_effort is None:
             self._best_effort = queued_subscription(self._listener, self._kind, self.name, VIEW)
-        elif best and not any(best) and self._best_effort is not None:
+            return f'{self.name} is published best effort: it is heard, and messages may be lost'
+        if best and not any(best) and self._best_effort is not None:
             # what is lost and sent again would come late, behind its neighbours
             self._listener.destroy_subscription(self._best_effort)
             self._best_effort = None
-        return begins
+        return ''
 
     def taken(self) -> list[Taken]:
         """Return what has come, and count what has not.

@@ -156,7 +156,7 @@ class DriverAudit:
         self._log = ChainedFile(Path(path).expanduser(), AUDIT_LOG) if path else None
         self._failed = failed
         self._broken, self._left_out, self._closing = '', 0, False
-        self._noted: deque[Entry] = deque()
+        self._noted: deque[Entry] = deque(maxlen=_WAITING)
         self._more, self._order = threading.Event(), threading.Lock()
         self._thread = threading.Thread(
             target=self._run, args=(self._log,), name='audit', daemon=True
@@ -181,10 +181,9 @@ class DriverAudit:
         """Have an entry written soon."""
         if self._log is None:
             return
-        if len(self._noted) < _WAITING:
-            self._noted.append((kind, fields))
-        else:
-            self._left_out += 1
+        # of too many the oldest ones are left out
+        self._left_out += len(self._noted) == _WAITING
+        self._noted.append((kind, fields))
         self._more.set()
 
     def close(self) -> None:

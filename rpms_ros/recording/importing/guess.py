@@ -41,6 +41,8 @@ _FORCE = re.compile(
     r'force|kraft|fuerza|load|^f[xyzgm\d]|\bf\b|\bfz\b|strain|torque|moment', re.IGNORECASE
 )
 _PULSE = re.compile(r'stim|gate|trig|pulse|puls|sync|ttl|marker|digital', re.IGNORECASE)
+# Share by which the rate that a file states may differ from that of its times.
+_OTHER_RATE = 1e-3
 _COUNTER = re.compile(
     r'^\W*(?:(?:samples?|frames?|data|row)?[ _]*'
     r'(?:index|idx|number|num|nr|no|count(?:er)?|points?)|samples?|frames?|rows?|n|)\W*$',
@@ -94,20 +96,31 @@ def guess_by(file: SignalFile, options: ImportOptions) -> Guess:
     length = _length_of_force(file, force)
     sampled = sampled_like(file.signals, length)
     rate = options.sampling_rate or file.sampling_rate_hz
-    if time is None and not rate and any(one.time is None for one in file.signals):
+    guessed = time is None and any(one.time is None for one in file.signals)
+    if guessed and not options.sampling_rate:
         time = _time(file, sampled)
     rest = [signal for signal in sampled if signal.name != time]
     lists = [one.name for one in lists_beside(file.signals, length) if one.name != time]
     column = file.signal(time)
     unit, time_told = _time_told(column, options.time_unit, rate)
+    if column is not None and guessed and rate:
+        by_times = 1.0 / (TIME_UNITS[unit] * float(np.median(np.diff(column.values))))
+        if not np.isclose(by_times, rate, rtol=_OTHER_RATE):
+            fault = f'expected times of {rate:g} samples a second in {file.path}, as it states'
+            got = f'{time!r} with {by_times:g} in {unit}: --time COL or --sampling-rate HZ decides'
+            raise Ambiguous(f'{fault}, got {got}')
     if pulse is None:
         pulse = _pulse(file, [signal for signal in rest if signal.name != force], lists)
     if force is None:
         force = _force(file, [signal for signal in rest if signal.name != pulse])
     sensor, gate = file.signal(force), file.signal(pulse)
     assert sensor is not None
-    newton, why = _force_unit(sensor, options.force_unit, options.force_scale)
     is_list = pulse in lists or options.pulse_unit is not None
+    given = options.sampling_rate or (not is_list and options.time_unit)
+    if sensor.time is not None and given:
+        fault = f'expected no --sampling-rate and no --time-unit for {force!r}'
+        raise RecordingError(f'{fault}, which has times of its own in s, got {given}')
+    newton, why = _force_unit(sensor, options.force_unit, options.force_scale)
     used = [column, None if is_list else gate, sensor]
     refuse_other_lengths(file.path, [one for one in used if one is not None])
     list_in, pulses_told = None, repr(pulse)
@@ -167,9 +180,12 @@ def _check_given(file: SignalFile, options: ImportOptions) -> None:
             raise RecordingError(f'expected column {name!r} in {file.path}, got {columns}')
 
 
-def _time(file: SignalFile, sampled: Sequence[Signal]) -> str:
+def _time(file: SignalFile, sampled: Sequence[Signal]) -> str | None:
     rising = [one for one in sampled if rises(one.values)]
     named = [one for one in rising if _TIME.search(one.name)]
+    if file.sampling_rate_hz:
+        # times say also where they begin, and where there is a gap
+        return named[0].name if len(named) == 1 else None
     chosen = named or rising
     if counters := [one.name for one in rising if _counts(one) and not named]:
         raise _no_times(counters[0])

@@ -340,7 +340,7 @@ def _blocks(lines: list[str]) -> list[tuple[dict[str, list[str]], list[list[str]
         if equals and name.isalpha():
             if not blocks or blocks[-1][1]:
                 blocks.append(({}, []))
-            blocks[-1][0][name] = [cell.strip() for cell in rest.strip('\t').split('\t')]
+            blocks[-1][0][name] = [cell.strip() for cell in rest.removeprefix('\t').split('\t')]
         elif line.strip() and blocks:
             # a comment follows the numbers of a row, behind #
             cells = [cell.strip() for cell in line.split('#')[0].rstrip('\t ').split('\t')]

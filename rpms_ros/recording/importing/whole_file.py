@@ -241,7 +241,7 @@ def _stamps(file: SignalFile, signal: Signal, guess: Guess, options: ImportOptio
         _finite(file, column)
         return _rising(file, column.name, column.values, TIME_UNITS[guess.time_unit])
     if signal.time is not None:
-        return _rising(file, signal.name, signal.time, 1.0)
+        return _rising(file, f'time of {signal.name}', signal.time, 1.0)
     rate = options.sampling_rate or file.sampling_rate_hz
     assert rate is not None
     return stamps(np.arange(len(signal.values)) / rate)
