@@ -379,8 +379,8 @@ class Identifier(NodeOfParts):
         for ear in (self._force, self._pulses):
             if said := ear.look():
                 logger_of(self).warning(said)
-            if ear.foreign:
-                logger_of(self).warning(ear.foreign, throttle_duration_sec=_SILENCE)
+        if foreign := '; '.join(filter(None, (self._force.foreign, self._pulses.foreign))):
+            logger_of(self).warning(foreign, throttle_duration_sec=_SILENCE)
         faults = {**self.stream.fault_counts, **self._senders.fault_counts}
         for name, count in faults.items():
             if count != self._reported.get(name):

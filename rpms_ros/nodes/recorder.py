@@ -201,7 +201,8 @@ class Recorder(NodeOfParts):
         """Publish the health of the recorder."""
         if self._closed:
             return
-        faults = [f'{count} messages of {name} lost' for name, count in self.lost.items()]
+        lost = {self._ears[name].name: count for name, count in self.lost.items()}
+        faults = [f'{count} messages of {name} lost' for name, count in lost.items()]
         faults += [ear.foreign for ear in self._ears.values() if ear.foreign]
         for fault in faults:
             if fault not in self._told:

@@ -277,6 +277,23 @@ def test_a_pulse_after_the_end_of_the_force_changes_no_unit(tmp_path):
     assert found.pulses.onset_ns.tolist() == (1e9 * seconds).round().astype(int).tolist()
 
 
+@pytest.mark.parametrize('late', [8, 30])
+def test_a_list_that_goes_on_for_long_after_the_force_is_not_read_in_a_smaller_unit(
+    tmp_path, late
+):
+    seconds = np.append(TIME[PLACES], 4.0 + 0.05 * np.arange(1, late))
+    with pytest.raises(Ambiguous, match=r'in no unit: --pulse-unit decides'):
+        of_matlab(tmp_path / 'a.mat', {'t': TIME, 'force': FORCE, 'stim': seconds})
+
+
+@pytest.mark.parametrize('rate', [1024.0, 1050.0])
+def test_numbers_of_samples_near_1_khz_are_not_taken_for_milliseconds(tmp_path, rate):
+    numbers = np.arange(205, COUNT, 50)
+    content = {'force': FORCE, 'fs': rate, 'stim_times': numbers}
+    found = of_matlab(tmp_path / 'a.mat', content)
+    np.testing.assert_array_equal(found.pulses.onset_ns, found.forces.stamp_ns[numbers - 1])
+
+
 def test_the_unit_can_be_decided(tmp_path):
     content = {'force': FORCE, 'fs': 1000.0, 'stim': PLACES + 1}
     expect_the_session(of_matlab(tmp_path / 'a.mat', content, pulse_unit='samples'))

@@ -187,11 +187,45 @@ def test_times_beside_the_rate_that_a_matlab_file_states_are_those_of_the_sample
 def test_times_that_contradict_the_rate_that_a_file_states_are_not_guessed(tmp_path):
     path = tmp_path / 'session.mat'
     savemat(path, {**STATED, 't': TIME / 1.005})
-    message = r"expected times of 1000 samples a second in .*, got 't' with 1005 in s: --time COL"
+    message = r"expected times of 1000 samples a second in .*, got 't' with 1005: --time COL or"
     with pytest.raises(Ambiguous, match=message):
         imported(path)
     expect_the_session(*imported(path, sampling_rate=1000.0))
     assert imported(path, time='t')[1].stamp_ns[-1] == pytest.approx(1e9 * TIME[-1] / 1.005)
+
+
+@pytest.mark.parametrize(
+    'beside',
+    [
+        # a fence post more, the times of another signal, rounded by single precision, days
+        {'t': np.arange(COUNT + 1) / 1000.0},
+        {'time_emg': np.arange(COUNT * 3 // 2) / 1500.0},
+        {'t': np.float32(TIME + 1e-5)},
+        {'timestamp': 738_000.0 + TIME / 86_400.0},
+        {'Zeit [h]': TIME / 3600.0},
+    ],
+)
+def test_what_says_no_more_than_the_rate_is_no_time(tmp_path, beside):
+    path = tmp_path / 'session.mat'
+    (name,) = beside
+    savemat(path, {**STATED, name.partition(' ')[0]: beside[name]})
+    expect_the_session(*imported(path))
+
+
+def test_rounded_times_beside_a_stated_rate_do_not_contradict_it(tmp_path):
+    path = tmp_path / 'trial.txt'
+    lines = [
+        f'{place / 2048:.4f}\t{line.partition(chr(9))[2]}' for place, line in enumerate(rows('\t'))
+    ]
+    path.write_text('\n'.join(['Sample Frequency (Hz): 2048', 't\tForce\tStim', *lines]))
+    stamp_ns = imported(path)[1].stamp_ns
+    np.testing.assert_allclose(stamp_ns, 1e9 * np.arange(COUNT) / 2048, atol=1.0)
+
+
+def test_a_force_may_be_called_a_minimum(tmp_path):
+    path = tmp_path / 'trial.txt'
+    path.write_text('\n'.join(['Time [s]\tForce min\tStim', *rows('\t')]))
+    expect_the_session(*imported(path))
 
 
 @pytest.mark.parametrize('given', [{'sampling_rate': 2000.0}, {'time_unit': 'ms'}])
@@ -241,6 +275,10 @@ def test_spike2_matlab(tmp_path):
     savemat(path, spike2_matlab(title='', units='mN'))
     assert [one.name for one in read_signals(path).signals] == ['leg_Ch1']
     expect_the_session(*imported(path), scale=1e-3, late_s=0.25)
+    unused = {'title': 'Memory', 'comment': '', 'resolution': 1e-6, 'times': np.empty((0, 1))}
+    for empty in ({}, {'level': np.empty((0, 1))}):
+        savemat(path, {**spike2_matlab(), 'leg_Ch4': {**unused, **empty}})
+        expect_the_session(*imported(path, pulse='Trigger'), late_s=0.25)
     savemat(path, spike2_matlab(interval=0.0))
     with pytest.raises(RecordingError, match=r'expected a waveform with an interval above 0 s'):
         read_signals(path)
@@ -678,14 +716,3 @@ def test_a_workbook_with_a_damaged_part_is_refused(tmp_path, part, content):
     repacked(path, {part: content})
     with pytest.raises(RecordingError, match=r'session\.xlsx'):
         read_signals(path)
-
-
-def test_small_files_that_unpack_into_much_are_refused(tmp_path, monkeypatch):
-    """With a limit that a test can reach."""
-    savemat(tmp_path / 'a.mat', {'force': np.zeros(500_000)}, do_compression=True)
-    repacked(workbook(tmp_path / 'd.xlsx'), {'xl/worksheets/sheet1.xml': bytes(2_000_000)})
-    monkeypatch.setattr('rpms_ros.recording.importing.whole_file._LARGEST', 1_000_000)
-    told = r'expected a file that unpacks into 0.001.* GB at most'
-    for name in ('a.mat', 'd.xlsx'):
-        with pytest.raises(RecordingError, match=told):
-            import_file(tmp_path / name, ImportOptions())

@@ -621,7 +621,7 @@ class IntensitySteps:
         """Add pulses (pulses,), ascending [ns, 1]."""
         onset_ns = np.append(self._onset_ns, onset_ns)
         level = np.append(self._level, np.rint((_LEVELS - 1) * intensity).astype(np.int64))
-        near = np.diff(onset_ns) < _OVER_NS
+        near = np.abs(np.diff(onset_ns)) < _OVER_NS
         np.add.at(self._count, (near * level[:-1], level[1:]), 1.0)
         self._onset_ns, self._level = onset_ns[-1:], level[-1:]
 

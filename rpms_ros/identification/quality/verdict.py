@@ -32,6 +32,7 @@ from rpms_ros.identification.quality.doubts import (
     OF_TIME,
     PULSE_INTENSITY_INVALID,
     SAMPLES_EXCLUDED,
+    SLOW_INTENSITIES,
     stated_doubt,
 )
 from rpms_ros.identification.quality.explained_force import (
@@ -484,7 +485,7 @@ def _of_the_estimator(
     if flags and len(unknown) == len(flags):
         yield NO, 'the data tell nothing about the recruitment curve: no parameter is informed'
     elif 'u_thr' in unknown:
-        why = '; '.join(last.reasons)
+        why = '; '.join(one for one in last.reasons if one != SLOW_INTENSITIES)
         yield DOUBTFUL, 'the data do not determine the threshold' + (f': {why}' if why else '')
     if len(half):
         yield from _of_the_intervals(last, pulses)

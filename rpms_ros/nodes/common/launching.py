@@ -21,8 +21,8 @@ Argument = tuple[str, str, str]
 """Name, default and description of a launch argument."""
 
 PACKAGE = 'rpms_ros'
-# How the description of an argument ends that replaces a parameter only if it is given.
-_AS_THE_FILES_SAY = 'Empty: as the files say.'
+AS_THE_FILES_SAY = 'Empty: as the files say.'
+"""How the description of an argument ends that replaces a parameter only if it is given."""
 # Arguments of every launch file.
 _COMMON: tuple[Argument, ...] = (
     ('parameters', '', 'YAML of parameters that replace those of config/.'),

@@ -117,10 +117,13 @@ class QueuedTopic:
 
     def look(self) -> str:
         """Look at the publishers; say that it is heard best effort from now on, else nothing."""
-        infos = self._listener.get_publishers_info_by_topic(self.name)
+        found, own = (
+            self._listener.get_publishers_info_by_topic(self.name),
+            type_name_of(self._kind),
+        )
+        infos = [one for one in found if one.topic_type == own]
         gids = {tuple(one.endpoint_gid) for one in infos}
-        own = type_name_of(self._kind)
-        others = ', '.join(sorted({one.topic_type for one in infos} - {own}))
+        others = ', '.join(sorted({one.topic_type for one in found} - {own}))
         self.foreign = f'expected {own} on {self.name}, got {others}' if others else ''
         if self._gids and gids - self._gids:
             # one that is new begins its numbers anew

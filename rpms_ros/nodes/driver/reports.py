@@ -128,7 +128,7 @@ def driver_health(status: DriverStatus, state: State, doubtful: bool) -> Health:
     return Health(status.reason, level, {'state': state.name, **figures, **counts})
 
 
-_WAITING = 500
+_WAITING = 100
 _JOIN_S = 5.0
 # how often the file is looked at while there is nothing to write
 _LOOK_S = 0.2
@@ -172,8 +172,6 @@ class DriverAudit:
         StimulationError
             If it cannot be written.
         """
-        if self._broken:
-            raise StimulationError(self._broken)
         if self._log is not None:
             self._write(self._log, (kind, fields))
 
@@ -182,7 +180,8 @@ class DriverAudit:
         if self._log is None:
             return
         # of too many the oldest ones are left out
-        self._left_out += len(self._noted) == _WAITING
+        if len(self._noted) == _WAITING:
+            self._left_out += 1
         self._noted.append((kind, fields))
         self._more.set()
 
@@ -201,19 +200,27 @@ class DriverAudit:
                 self._more.wait(_LOOK_S)
                 self._more.clear()
                 self._write(log)
-                log.look()
-        except StimulationError as error:
-            self._broken = f'expected an audit log that can be written, got {error}'
+        except StimulationError:
             self._failed(self._broken)
 
     def _write(self, log: ChainedFile, *required: Entry) -> None:
-        """Write what was noted, then what is required; all of it is on the disk after that."""
+        """Write what was noted, then what is required; all of it is on the disk after that.
+
+        If an entry cannot be written no other one is: those behind it would be lost unseen.
+        """
         with self._order:
+            if self._broken:
+                raise StimulationError(self._broken)
             entries = [*(self._noted.popleft() for _ in range(len(self._noted))), *required]
-            for left, (kind, fields) in zip(range(len(entries))[::-1], entries, strict=True):
-                left_out, self._left_out = self._left_out, 0
-                both = {**fields, **({'left_out': left_out} if left_out else {})}
-                log.append(kind, both, sync=not left)
+            try:
+                for left, (kind, fields) in zip(range(len(entries))[::-1], entries, strict=True):
+                    left_out, self._left_out = self._left_out, 0
+                    both = {**fields, **({'left_out': left_out} if left_out else {})}
+                    log.append(kind, both, sync=not left)
+                log.look()
+            except StimulationError as error:
+                self._broken = f'expected an audit log that can be written, got {error}'
+                raise
 
 
 _DIAGNOSTICS_PERIOD_NS = 1_000_000_000

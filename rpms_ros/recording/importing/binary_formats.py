@@ -140,7 +140,7 @@ def _spike2_channels(path: Path, content: Mapping[str, Any]) -> SignalFile | Non
             times = np.atleast_1d(np.asarray(channel['times'], dtype=np.float64)).ravel()
             level = np.ravel(channel.get('level', ()))
             # a channel of levels has the times at which it goes up and those at which it goes down
-            times = times[level > 0] if len(level) == len(times) and np.ptp(level) else times
+            times = times[level > 0] if len(level) == len(times) and level.any() else times
             events.append(Events(title, times))
     return SignalFile(path, 'Spike2 MATLAB', tuple(signals), tuple(events))
 

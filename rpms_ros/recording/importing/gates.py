@@ -266,7 +266,7 @@ def odd_gate(pulses: PulseTrain, period: float) -> str | None:
 
 _NUMBERS = re.compile(r'idx|ind(?:ex|ices)|sample|frame', re.IGNORECASE)
 _TIMES = re.compile(r'time|zeit|temps', re.IGNORECASE)
-# Share of a list within the force: stimulation may go on after the recording.
+# Share of a list that is within the force.
 _NEARLY_ALL = 0.9
 # Numbers that were whole before they were multiplied, as seconds by 1000.
 _WHOLE = 1e-6
@@ -334,7 +334,9 @@ def list_unit(
     if signal.unit not in (*NO_TIME, SAMPLES):
         fault = f'expected times of pulses in {", ".join(LIST_UNITS)}'
         raise Ambiguous(f'{fault}, got {signal.name!r} in {signal.unit}: --pulse-unit decides')
-    within = {unit: _within(signal.values, unit, seconds) for unit in ('s', 'ms', 'us')}
+    # stimulation may go on after the recording, but not where the values may be numbers
+    least = 1.0 if numbers else _NEARLY_ALL
+    within = {unit: _within(signal.values, unit, seconds) >= least for unit in ('s', 'ms', 'us')}
     possible = [one for one in ('s', 'ms', SAMPLES, 'us') if within.get(one, numbers)]
     begin, end = float(seconds[0]), float(seconds[-1])
     period = (end - begin) / max(len(seconds) - 1, 1)
@@ -382,6 +384,8 @@ def _are_numbers(values: FloatArray, count: int) -> bool:
     return whole and values[0] > -0.5 and values[-1] < count + _first(values) - 0.5
 
 
-def _within(values: FloatArray, unit: str, seconds: FloatArray) -> bool:
+def _within(values: FloatArray, unit: str, seconds: FloatArray) -> float:
+    """Return the share of times that are within the force; 0 if they are too close for pulses."""
     times = values * TIME_UNITS[unit]
-    return bool(np.mean((seconds[0] <= times) & (times <= seconds[-1])) >= _NEARLY_ALL)
+    apart = float(np.median(np.diff(times))) >= _BOUNCE
+    return apart * float(np.mean((seconds[0] <= times) & (times <= seconds[-1])))

@@ -41,6 +41,7 @@ _FORCE = re.compile(
     r'force|kraft|fuerza|load|^f[xyzgm\d]|\bf\b|\bfz\b|strain|torque|moment', re.IGNORECASE
 )
 _PULSE = re.compile(r'stim|gate|trig|pulse|puls|sync|ttl|marker|digital', re.IGNORECASE)
+_MINUTES = re.compile(r'(?:^|[_/ ])min(?:utes)?$', re.IGNORECASE)
 # Share by which the rate that a file states may differ from that of its times.
 _OTHER_RATE = 1e-3
 _COUNTER = re.compile(
@@ -97,18 +98,15 @@ def guess_by(file: SignalFile, options: ImportOptions) -> Guess:
     sampled = sampled_like(file.signals, length)
     rate = options.sampling_rate or file.sampling_rate_hz
     guessed = time is None and any(one.time is None for one in file.signals)
-    if guessed and not options.sampling_rate:
+    if guessed and not rate:
         time = _time(file, sampled)
+    elif guessed and not options.sampling_rate:
+        alike = [one for one in sampled if len(one.values) == length]
+        time = _time_beside(file, alike, options.time_unit)
     rest = [signal for signal in sampled if signal.name != time]
     lists = [one.name for one in lists_beside(file.signals, length) if one.name != time]
     column = file.signal(time)
     unit, time_told = _time_told(column, options.time_unit, rate)
-    if column is not None and guessed and rate:
-        by_times = 1.0 / (TIME_UNITS[unit] * float(np.median(np.diff(column.values))))
-        if not np.isclose(by_times, rate, rtol=_OTHER_RATE):
-            fault = f'expected times of {rate:g} samples a second in {file.path}, as it states'
-            got = f'{time!r} with {by_times:g} in {unit}: --time COL or --sampling-rate HZ decides'
-            raise Ambiguous(f'{fault}, got {got}')
     if pulse is None:
         pulse = _pulse(file, [signal for signal in rest if signal.name != force], lists)
     if force is None:
@@ -117,7 +115,7 @@ def guess_by(file: SignalFile, options: ImportOptions) -> Guess:
     assert sensor is not None
     is_list = pulse in lists or options.pulse_unit is not None
     given = options.sampling_rate or (not is_list and options.time_unit)
-    if sensor.time is not None and given:
+    if sensor.time is not None and column is None and given:
         fault = f'expected no --sampling-rate and no --time-unit for {force!r}'
         raise RecordingError(f'{fault}, which has times of its own in s, got {given}')
     newton, why = _force_unit(sensor, options.force_unit, options.force_scale)
@@ -180,12 +178,9 @@ def _check_given(file: SignalFile, options: ImportOptions) -> None:
             raise RecordingError(f'expected column {name!r} in {file.path}, got {columns}')
 
 
-def _time(file: SignalFile, sampled: Sequence[Signal]) -> str | None:
+def _time(file: SignalFile, sampled: Sequence[Signal]) -> str:
     rising = [one for one in sampled if rises(one.values)]
     named = [one for one in rising if _TIME.search(one.name)]
-    if file.sampling_rate_hz:
-        # times say also where they begin, and where there is a gap
-        return named[0].name if len(named) == 1 else None
     chosen = named or rising
     if counters := [one.name for one in rising if _counts(one) and not named]:
         raise _no_times(counters[0])
@@ -194,6 +189,30 @@ def _time(file: SignalFile, sampled: Sequence[Signal]) -> str | None:
         fault = f'expected one column of rising times in {file.path}'
         raise Ambiguous(f'{fault}, got {found}: --time COL or --sampling-rate HZ decides')
     return chosen[0].name
+
+
+def _time_beside(file: SignalFile, signals: Sequence[Signal], given: str | None) -> str | None:
+    """Return the column of times that says more than the rate that a file states.
+
+    That is where it begins, or where there is a gap; None if there is none, or none that fits.
+    """
+    rate = file.sampling_rate_hz or 0.0
+    named = [one for one in signals if _TIME.search(one.name) and rises(one.values)]
+    if len(named) != 1 or usual_unit(named[0].unit) not in (*TIME_UNITS, *NO_TIME, TIME_OF_DAY):
+        return None
+    unit, _ = _time_unit(named[0], given)
+    samples = named[0].values * TIME_UNITS[unit] * rate
+    if np.abs(samples - np.arange(len(samples))).max() < 0.5:
+        return None
+    # rounding changes the one, a gap the other
+    steps = np.array([np.median(np.diff(samples)), np.ptp(samples) / (len(samples) - 1)])
+    if np.isclose(steps, 1.0, rtol=0.0, atol=_OTHER_RATE).any():
+        return named[0].name
+    if not 0.5 < steps[0] < 2.0:
+        return None
+    fault = f'expected times of {rate:g} samples a second in {file.path}, as it states'
+    got = f'{named[0].name!r} with {rate / steps[0]:g}: --time COL or --sampling-rate HZ decides'
+    raise Ambiguous(f'{fault}, got {got}')
 
 
 def _counts(signal: Signal) -> bool:
@@ -235,7 +254,8 @@ def _time_unit(signal: Signal, given: str | None) -> tuple[str, str]:
             fault = f'expected no --time-unit, or s, for the times of day of {signal.name!r}'
             raise RecordingError(f'{fault}, got {given}')
         return 's', 'from times of day'
-    if told := unit_told(signal.unit.lower(), given, 'time-unit', TIME_UNITS):
+    stated = signal.unit or ('min' if _MINUTES.search(signal.name) else '')
+    if told := unit_told(stated.lower(), given, 'time-unit', TIME_UNITS):
         return told
     if signal.unit not in NO_TIME:
         fault = f'expected a time in {", ".join(TIME_UNITS)}'

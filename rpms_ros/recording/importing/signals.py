@@ -17,7 +17,7 @@ from rpms_ros.pulses import FloatArray
 
 _BRACKETS = re.compile(r'[\[(]\s*([^\])]*?)\s*[\])]')
 _ENDING = re.compile(
-    r'^(?:.*[_/ ])?\s*(us|ms|s|min|mN|kN|N|mV|V|g|kg|gf|kgf|lbf|Nm|mNm|kNm|kgm|ft-lbs?|ft-lbf)$'
+    r'^(?:.*[_/ ])?\s*(us|ms|s|mN|kN|N|mV|V|g|kg|gf|kgf|lbf|Nm|mNm|kNm|kgm|ft-lbs?|ft-lbf)$'
 )
 
 RISING, FALLING = 'rising', 'falling'

@@ -2,15 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """One file of a laboratory as pulses and force: read, guessed, converted."""
 
-import struct
-import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from itertools import accumulate
 from pathlib import Path
 from typing import NamedTuple
-from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 
@@ -320,47 +316,6 @@ def begins_amid(pulses: PulseTrain, forces: ForceTrace) -> bool:
 
 
 _ZIP, _XDF, _HDF5, _MATLAB = b'PK\x03\x04', b'XDF:', b'\x89HDF', b'MATLAB'
-# Elements of a MATLAB file of version 5: plain and packed.
-_MATRIX, _PACKED = 14, 15
-
-
-# A small file may unpack into so much, a large one into so many times its size [bytes].
-_LARGEST, _PER_BYTE = 1_000_000_000, 4
-
-
-def _refuse_bomb(path: Path) -> None:
-    """Refuse a file whose parts, by the sizes that they state, unpack into too much memory."""
-    most = _LARGEST + _PER_BYTE * path.stat().st_size
-    try:
-        bomb = any(size > most for size in accumulate(_stated_sizes(path)))
-    # what is damaged is told by the reader of its kind
-    except (BadZipFile, KeyError, OSError, RuntimeError, ValueError, struct.error, zlib.error):
-        return
-    if bomb:
-        fault = f'expected a file that unpacks into {most / 1e9:.3g} GB at most'
-        raise RecordingError(f'{fault}, got more in {path}')
-
-
-def _stated_sizes(path: Path) -> Iterator[int]:
-    """Yield the sizes [bytes] of the parts of a packed file, without unpacking them."""
-    with path.open('rb') as file:
-        head = file.read(1024)
-        if head.startswith(_ZIP):
-            with ZipFile(file) as archive:
-                # a cell of a workbook takes four times its text
-                yield from (4 * part.file_size for part in archive.infolist())
-        elif head.startswith(_MATLAB) or path.suffix.lower() == '.mat':
-            order = '<' if head[126:128] == b'IM' else '>'
-            file.seek(128)
-            while len(tag := file.read(8)) == 8:
-                kind, size = struct.unpack(f'{order}2I', tag)
-                if kind not in (_MATRIX, _PACKED):
-                    return
-                place = file.tell()
-                if kind == _PACKED:
-                    begin = zlib.decompressobj().decompress(file.read(min(size, 4096)), 8)
-                    yield struct.unpack(f'{order}2I', begin)[1]
-                file.seek(place + size)
 
 
 def read_signals(path: Path, block: int | None = None, sheet: str | None = None) -> SignalFile:
@@ -389,7 +344,6 @@ def read_signals(path: Path, block: int | None = None, sheet: str | None = None)
             head = file.read(1024)
     except OSError as error:
         raise RecordingError(f'expected a file at {path}, got {error}') from error
-    _refuse_bomb(path)
     if head.startswith(_ZIP):
         known: Callable[[Path], SignalFile] = partial(read_excel, sheet=sheet)
     elif sheet is not None:

@@ -326,8 +326,8 @@ class SafetyMonitor:
             If its cause is still there.
         """
         self._apply_halts()
-        self.interlocks.reset(self._clock())
         with self._lock:
+            self.interlocks.reset(self._clock())
             if self.state is not State.FAULT:
                 self._standing = Standing(self.state, 'stop was reset')
 
