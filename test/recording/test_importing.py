@@ -350,6 +350,18 @@ def test_labchart_text(tmp_path):
     expect_the_session(*imported(path, block=2))
 
 
+def test_labchart_times_of_few_decimals_go_on_by_the_interval(tmp_path):
+    path = tmp_path / 'session.txt'
+    values = (line.partition('\t')[2] for line in rows('\t'))
+    lines = [f'{place * 0.00025:.3f}\t{both}' for place, both in enumerate(values)]
+    path.write_text(LABCHART.replace('0.001 s', '0.00025 s') + '\n'.join(lines))
+    stamp_ns = imported(path)[1].stamp_ns
+    np.testing.assert_allclose(stamp_ns, 250_000 * np.arange(COUNT), atol=1.0)
+    # of another rate the times hold
+    path.write_text(LABCHART.replace('0.001 s', '0.002 s') + '\n'.join(rows('\t')))
+    expect_the_session(*imported(path))
+
+
 def test_a_channel_of_labchart_without_a_title_keeps_its_place(tmp_path):
     path = tmp_path / 'session.txt'
     head = LABCHART.replace('ChannelTitle=\tForce\t', 'ChannelTitle=\t\t')

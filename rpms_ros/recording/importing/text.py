@@ -29,6 +29,7 @@ _WHOLE, _SOME = re.compile(r'-?\d+'), 20
 # Lines above the titles: the rate, with its unit before or behind it, and the unit of all.
 _RATE = re.compile(r'(?i)^(?=.*\bk?hz\b)\W*(sampl|acquisition|scan)[^\d]*(\d+(?:\.\d+)?)\D*$')
 _VOLTS = re.compile(r'(?i)\bdata in volts?\b|\bunits?\W+v(?:olts?)?\W*$')
+_INTERVAL = re.compile(r'(\d*\.?\d+(?:[eE]-?\d+)?) s')
 _OLD_OFFICE = b'\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1'
 _LOOKED_AT = 200
 _LABCHART = ('Interval=', 'ChannelTitle=', 'ExcelDateTime=', 'TimeFormat=', 'DateFormat=')
@@ -327,6 +328,10 @@ def _labchart(path: Path, text: str, encoding: str, block: int | None) -> Signal
     # what is missing at the end of a row is not written
     whole = [[*row, *[''] * (width - len(row))] for row in rows]
     time, *channels = _columns(path, whole, width, _decimal_comma(rows))
+    if interval := _INTERVAL.fullmatch(head.get('Interval', [''])[0].replace(',', '.')):
+        # times with few decimals are those of this grid, rounded to milliseconds
+        exact = time[0] + float(interval[1]) * np.arange(len(time))
+        time = exact if np.abs(exact - time).max() < 1e-3 else time
     named = zip(padded('ChannelTitle'), channels, units, strict=True)
     signals = tuple(Signal(*one, time) for one in named)
     return SignalFile(path, 'LabChart text', signals, facts=(encoding, f'block {chosen}'))
