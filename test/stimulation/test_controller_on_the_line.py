@@ -78,8 +78,9 @@ def test_wrong_intensity_is_never_told_as_verified(meddled_train, who, rate_hz, 
 
 def test_intensity_that_was_turned_up_since_it_was_set_gives_no_pulse(meddled_train, monkeypatch):
     # a machine under load may wake the owner of the device too late for a look at the intensity
-    monkeypatch.setattr('rpms_ros.stimulation.driver.controller._MARGIN_NS', 200_000_000)
-    run, given, told = meddled_train(panel, b'@010', 3, 2.0)
+    monkeypatch.setattr('rpms_ros.stimulation.driver.controller._MARGIN_NS', 1_800_000_000)
+    monkeypatch.setattr('rpms_ros.stimulation.devices.rapid2.SerialDevice.prepare_s', 1.9)
+    run, given, told = meddled_train(panel, b'@010', 3, 0.5)
     assert given == [10, 10]
     assert run.ended == 'expected intensity 0.1 from the device, got 0.9'
     assert {pulse.delivery.unverified for pulse in told} == {frozenset({'delivery'})}
@@ -88,7 +89,8 @@ def test_intensity_that_was_turned_up_since_it_was_set_gives_no_pulse(meddled_tr
 def test_intensity_that_was_turned_up_after_the_last_look_ends_the_train_at_that_pulse(
     meddled_train,
 ):
-    run, given, told = meddled_train(panel, b'before EH', 3, 2.0)
+    # slow enough for the look after a pulse on a machine that stands still
+    run, given, told = meddled_train(panel, b'before EH', 3, 0.5)
     assert given == [10, 10, 90]
     assert run.ended == 'expected intensity 0.1 from the device, got 0.9'
     assert told[-1].delivery.intensity == 0.9

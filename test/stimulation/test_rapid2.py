@@ -11,7 +11,6 @@ import subprocess
 import sys
 import threading
 import time
-from pathlib import Path
 
 import pytest
 import serial
@@ -29,10 +28,14 @@ TIOCGEXCL = 0x80045440
 def kept_from_others(port):
     """Whether nobody but root can open a port."""
     try:
-        with Path(port).open('rb', buffering=0) as opened:
-            return bool(struct.unpack('i', fcntl.ioctl(opened, TIOCGEXCL, bytes(4)))[0])
+        # not as the terminal of a session that has none: its end would end the session
+        opened = os.open(port, os.O_RDONLY | os.O_NOCTTY)
     except OSError as error:
         return error.errno == errno.EBUSY
+    try:
+        return bool(struct.unpack('i', fcntl.ioctl(opened, TIOCGEXCL, bytes(4)))[0])
+    finally:
+        os.close(opened)
 
 
 def armed(device, intensity=0.5):

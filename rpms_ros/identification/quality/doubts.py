@@ -600,7 +600,7 @@ class ResponseMisfit:
 
 SLOW_INTENSITIES = (
     'the intensity changes too slowly to show the response: its interval holds for a twitch of '
-    'the model, not where limb or sensor swing (random or catch pulses would show it)'
+    'the model, not where limb or sensor swing or filter (random or catch pulses would show it)'
 )
 # Mean square of the step from pulse to pulse, as a share of the variance of what they recruit: 2
 # with random intensities, 0.4 with a tenth of catch pulses, 0.002 with a sinusoid of 9 s at 20 Hz.
