@@ -201,8 +201,7 @@ class Recorder(NodeOfParts):
         """Publish the health of the recorder."""
         if self._closed:
             return
-        lost = {self._ears[name].name: count for name, count in self.lost.items()}
-        faults = [f'{count} messages of {name} lost' for name, count in lost.items()]
+        faults = [f'{n} messages of {self._ears[name].name} lost' for name, n in self.lost.items()]
         faults += [ear.foreign for ear in self._ears.values() if ear.foreign]
         for fault in faults:
             if fault not in self._told:

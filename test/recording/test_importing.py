@@ -197,18 +197,17 @@ def test_times_that_contradict_the_rate_that_a_file_states_are_not_guessed(tmp_p
 @pytest.mark.parametrize(
     'beside',
     [
-        # a fence post more, the times of another signal, rounded by single precision, days
+        # a fence post more, the times of another signal, rounded by single precision, days, hours
         {'t': np.arange(COUNT + 1) / 1000.0},
         {'time_emg': np.arange(COUNT * 3 // 2) / 1500.0},
         {'t': np.float32(TIME + 1e-5)},
         {'timestamp': 738_000.0 + TIME / 86_400.0},
-        {'Zeit [h]': TIME / 3600.0},
+        {'zeit': TIME / 3600.0},
     ],
 )
 def test_what_says_no_more_than_the_rate_is_no_time(tmp_path, beside):
     path = tmp_path / 'session.mat'
-    (name,) = beside
-    savemat(path, {**STATED, name.partition(' ')[0]: beside[name]})
+    savemat(path, {**STATED, **beside})
     expect_the_session(*imported(path))
 
 

@@ -627,12 +627,12 @@ class IntensitySteps:
 
     def reasons(self, estimate: Estimate) -> tuple[str, ...]:
         """Return a reason if what pulses recruit hardly changes from one to the next."""
-        pulses, share = self._count.sum(axis=0), np.linspace(0.0, 1.0, _LEVELS)
+        pulses = self._count.sum(axis=0)
         if not (estimate.curve_known and pulses.any()):
             return ()
-        force = np.interp(share, estimate.curve_intensity, estimate.curve_force)
-        spread = np.square(force - np.average(force, weights=pulses))
-        steps = self._count * np.square(force[:, None] - force)
+        recruited = estimate.relative_recruitment(np.linspace(0.0, 1.0, _LEVELS))
+        spread = np.square(recruited - np.average(recruited, weights=pulses))
+        steps = self._count * np.square(recruited[:, None] - recruited)
         return (SLOW_INTENSITIES,) if steps.sum() < _SLOW_STEPS * pulses @ spread else ()
 
 

@@ -117,10 +117,8 @@ class QueuedTopic:
 
     def look(self) -> str:
         """Look at the publishers; say that it is heard best effort from now on, else nothing."""
-        found, own = (
-            self._listener.get_publishers_info_by_topic(self.name),
-            type_name_of(self._kind),
-        )
+        found = self._listener.get_publishers_info_by_topic(self.name)
+        own = type_name_of(self._kind)
         infos = [one for one in found if one.topic_type == own]
         gids = {tuple(one.endpoint_gid) for one in infos}
         others = ', '.join(sorted({one.topic_type for one in found} - {own}))

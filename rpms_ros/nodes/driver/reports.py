@@ -217,7 +217,8 @@ class DriverAudit:
                     left_out, self._left_out = self._left_out, 0
                     both = {**fields, **({'left_out': left_out} if left_out else {})}
                     log.append(kind, both, sync=not left)
-                log.look()
+                if not entries:
+                    log.look()
             except StimulationError as error:
                 self._broken = f'expected an audit log that can be written, got {error}'
                 raise

@@ -70,7 +70,9 @@ def _read_as(what: str, path: Path) -> Iterator[None]:
     except RecordingError:
         raise
     except Exception as error:
-        raise RecordingError(f'expected {what} at {path}, got {error}') from error
+        # of a lack of memory there is no text
+        got = str(error) or repr(error)
+        raise RecordingError(f'expected {what} at {path}, got {got}') from error
 
 
 def read_matlab(path: Path) -> SignalFile:

@@ -121,15 +121,15 @@ def _edges(high: BoolArray, low: BoolArray) -> tuple[IntArray, IntArray, int]:
 
     A gate that is up from the beginning has no onset: third is the sample until which it is.
     """
-    # a rest between both levels, as of a gate with two phases, is low before the first pulse
-    low[:1] |= ~high[:1]
-    marks = np.flatnonzero(high | low)
+    # the first sample counts in any case: a rest between both levels, as of a gate with two
+    # phases, is low before the first pulse
+    marks = np.union1d([0], np.flatnonzero(high | low))
     states = high[marks]
     changes = np.flatnonzero(states[1:] != states[:-1]) + 1
     rises = marks[changes[states[changes]]]
     falls = marks[changes[~states[changes]]]
     begun = 0
-    if len(states) and states[0]:
+    if states[0]:
         begun = int(falls[0]) if len(falls) else len(high)
     return rises, falls[falls > rises[0]] if len(rises) else falls, begun
 
