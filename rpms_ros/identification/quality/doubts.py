@@ -630,9 +630,11 @@ class IntensitySteps:
         pulses = self._count.sum(axis=0)
         if not (estimate.curve_known and pulses.any()):
             return ()
-        recruited = estimate.relative_recruitment(np.linspace(0.0, 1.0, _LEVELS))
-        spread = np.square(recruited - np.average(recruited, weights=pulses))
-        steps = self._count * np.square(recruited[:, None] - recruited)
+        # not its relative recruitment: a curve of zeros, as at the start, says nothing
+        share = np.linspace(0.0, 1.0, _LEVELS)
+        force = np.interp(share, estimate.curve_intensity, estimate.curve_force)
+        spread = np.square(force - np.average(force, weights=pulses))
+        steps = self._count * np.square(force[:, None] - force)
         return (SLOW_INTENSITIES,) if steps.sum() < _SLOW_STEPS * pulses @ spread else ()
 
 
