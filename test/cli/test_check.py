@@ -163,7 +163,7 @@ def test_a_patient_bounds_what_a_device_could_do(rpms, tmp_path, patient_file):
     code, out, _ = rpms(*check, '--patient', patient_file)
     assert code == 1
     assert 'maximum_intensity: expected an intensity in [0, 0.55]' in out
-    assert 'maximum_train_pulses: expected a pause of 30 s after at most 1800 pulses' in out
+    assert 'rest: expected a pause of 30 s after at most 1800 pulses' in out
     assert 'for patient P01: NOT deliverable' in out
     assert 'pulses above the motor threshold 0.32' in out
     for before, after, reason in (

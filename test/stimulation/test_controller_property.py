@@ -24,7 +24,7 @@ from rpms_ros.stimulation import Constant, Doublet, Pause, Ramp, Schedule, Unifo
 from rpms_ros.stimulation.devices.registry import DeviceError
 from rpms_ros.stimulation.driver.safety_monitor import EXECUTOR, HEARTBEAT, Refused
 from rpms_ros.stimulation.driver.states import POSSIBLE, State
-from rpms_ros.stimulation.limits.limiter import DoseLimits, Limits
+from rpms_ros.stimulation.limits.limiter import DoseLimits, Limits, Rest
 from rpms_ros.stimulation.records.dose_ledger import MemoryLedger
 
 SECOND = 1_000_000_000
@@ -35,7 +35,7 @@ RESPONSE_NS = 100_000_000
 KNOWN = {
     'maximum_intensity', 'maximum_intensity_step', 'maximum_intensity_rise', 'minimum_width_s',
     'maximum_width_s', 'maximum_rate_hz', 'rate_limits_hz', 'maximum_train_pulses', 'wait',
-    'continuous_power_w', 'session_pulses', 'session_energy_j', 'idle_disarm_s', 'stop',
+    'continuous_power_w', 'session_pulses', 'session_energy_j', 'idle_disarm_s', 'rest', 'stop',
     'executor', 'supervisor', 'heartbeat', 'force_limit', 'state', 'temperature', 'emergency_stop',
     'device', 'test', 'dose_pulses', 'dose_energy_j', 'maximum_intensity: e',
 }  # fmt: skip
@@ -64,6 +64,7 @@ def random_limits(random):
         session_energy_j=float(np.exp(random.uniform(6.0, 10.0))),
         interval_tolerance_s=float(random.uniform(0.0, 3e-3)),
         idle_disarm_s=float(random.uniform(0.3, 5.0)),
+        rest=Rest(int(random.integers(8, 120)), float(random.uniform(0.3, 1.5))),
     )
 
 
@@ -288,6 +289,7 @@ def attempt(command, refused):
 def broken(commands, limits):
     """Return the names of the limits that the commands (time, intensity) break."""
     trains = split(commands, round(limits.minimum_pause_s * SECOND))
+    between_rests = split(commands, round(limits.rest.pause_s * SECOND))
     energies = [0.0, *accumulate(energy([command], limits) for command in commands)]
     window = round(limits.energy_window_s * SECOND)
     rise = round(limits.rise_window_s * SECOND)
@@ -295,6 +297,7 @@ def broken(commands, limits):
     wrong = {
         'maximum_intensity': any(not 0 <= u <= limits.maximum_intensity for _, u in commands),
         'maximum_train_pulses': any(len(t) > limits.maximum_train_pulses for t in trains),
+        'rest': any(len(t) > limits.rest.train_pulses for t in between_rests),
         'maximum_intensity_step': any(
             # the difference of two shares is rounded
             abs(after - before) > limits.maximum_intensity_step + 1e-12
@@ -406,6 +409,7 @@ def test_the_reckoning_finds_what_is_wrong():
         continuous_power_w=20.0,
         energy_window_s=1.0,
         session_pulses=5,
+        rest=Rest(4, 1.0),
     )
 
     def names(*pulses):
@@ -415,6 +419,7 @@ def test_the_reckoning_finds_what_is_wrong():
     assert names((0.0, 0.1), (0.04, 0.1)) == {'rate'}
     assert names((0.0, 0.1), (0.05, 0.9)) >= {'maximum_intensity', 'maximum_intensity_step'}
     assert names(*((index / 20, 0.1) for index in range(4))) == {'maximum_train_pulses'}
-    assert names(*((index / 1.9, 0.1) for index in range(6))) == {'session'}
+    assert names(*((index / 1.9, 0.1) for index in range(5))) == {'rest'}
+    assert names(*((index / 0.9, 0.1) for index in range(6))) == {'session'}
     assert names((0.0, 0.5)) == {'continuous_power_w'}
     assert names((0.0, 0.4), (0.55, 0.1)) == {'wait'}

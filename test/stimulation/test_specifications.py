@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Files of devices and patients: nothing is assumed or read loosely, the tighter limit counts."""
 
+from dataclasses import replace
 from datetime import date
 from pathlib import Path
 
@@ -10,10 +11,11 @@ import pytest
 from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation.limits import device_specification, patient as patient_module
 from rpms_ros.stimulation.limits.device_specification import load_device_specification
-from rpms_ros.stimulation.limits.limiter import DoseLimits, Limits
+from rpms_ros.stimulation.limits.limiter import DoseLimits, Limits, PulseLimiter, Rest
 from rpms_ros.stimulation.limits.patient import for_session, load_patient
 from rpms_ros.stimulation.schedule.fields import bounded_names
 
+SECOND = 1_000_000_000
 FOLDER = Path(device_specification.__file__).with_name('device_specifications')
 # the example of the module is the one that is tested
 PATIENT = patient_module.__doc__.partition('\n\n')[2]
@@ -127,11 +129,40 @@ def test_a_patient_is_read_and_the_tighter_limit_counts(written):
     assert (patient.set_on, patient.expires) == (date(2026, 11, 2), date(2026, 12, 31))
     limits = for_session(DEVICE, patient, DAY).limits
     assert limits.maximum_intensity == 0.55
-    assert limits.minimum_pause_s == 30.0
-    assert limits.maximum_train_pulses == 1800
-    loose = PATIENT.replace('0.55', '1.0').replace('1800', '9000').replace('30.0', '0.1')
+    assert limits.rest == Rest(1800, 30.0)
+    loose = PATIENT.replace('0.55', '1.0').replace('30.0', '0.1')
     unchanged = for_session(DEVICE, load_patient(written(loose)), DAY).limits
-    assert unchanged == DEVICE.limits
+    assert unchanged == replace(DEVICE.limits, rest=Rest(1800, DEVICE.limits.minimum_pause_s))
+
+
+@pytest.mark.parametrize('pause', ['0.5', '2.0', '30.0', '600.0'])
+def test_a_rest_loosens_no_limit_of_the_device(written, pause):
+    patient = load_patient(written(PATIENT.replace('30.0', pause).replace('0.55', '0.8')))
+    for limits in (DEVICE.limits, for_session(DEVICE, patient, DAY).limits):
+        limiter = PulseLimiter(replace(limits, maximum_intensity_rise=1.0))
+        for index in range(100):
+            assert limiter.refusal(index * SECOND // 20, 0.65, 1e-4) is None
+            limiter.book(index * SECOND // 20, 0.65)
+        last = 99 * SECOND // 20
+        refused = limiter.refusals(last + SECOND, 0.65, 1e-4)
+        assert [one.limit for one in refused] == ['wait']
+        refused = limiter.refusals(last + 10 * SECOND, 0.75, 1e-4)
+        assert [one.limit for one in refused] == ['maximum_intensity_step']
+
+
+def test_a_rest_is_due_after_so_many_pulses_whatever_pauses_are_between():
+    limiter = PulseLimiter(replace(SIMULATED.limits, rest=Rest(4, 30.0)))
+    for seconds in (0, 1, 10, 20):
+        assert limiter.refusal(seconds * SECOND, 0.5, 1e-4) is None
+        limiter.book(seconds * SECOND, 0.5)
+    refusal = limiter.refusal(49 * SECOND, 0.5, 1e-4)
+    assert refusal == (
+        'rest',
+        'expected a pause of 30 s after at most 4 pulses, got one pulse more',
+    )
+    for seconds in (50, 51):
+        assert limiter.refusal(seconds * SECOND, 0.5, 1e-4) is None
+        limiter.book(seconds * SECOND, 0.5)
 
 
 def test_a_real_device_needs_a_patient_whose_figures_were_found_with_it(written):

@@ -31,6 +31,22 @@ _COUNT = Bound(1, 10_000_000, whole=True)
 
 
 @dataclass(frozen=True)
+class Rest(Bounded):
+    """Silence that a patient needs after so many pulses.
+
+    Attributes
+    ----------
+    train_pulses : int
+        Most pulses without a silence of ``pause_s``, whatever shorter ones are between them.
+    pause_s : float
+        That silence [s].
+    """
+
+    train_pulses: int = bounded(_COUNT)
+    pause_s: float = bounded(_POSITIVE_S)
+
+
+@dataclass(frozen=True)
 class Limits(Bounded):
     """Bounds of every pulse.  Energies are 0 for a device that has no coil to heat.
 
@@ -72,6 +88,8 @@ class Limits(Bounded):
         was late [s]; it does not add up from pulse to pulse.
     idle_disarm_s : float
         Longest time armed without a pulse [s].
+    rest : Rest or None
+        Of the patient; None: the trains and pauses above are all.
     """
 
     maximum_intensity: float = share(1.0)
@@ -94,6 +112,7 @@ class Limits(Bounded):
     session_energy_j: float = bounded(Bound(0.0, 1e9, 'J', above=True), 1e8)
     interval_tolerance_s: float = bounded(Bound(0.0, 0.01, 's'), 2e-3)
     idle_disarm_s: float = bounded(_POSITIVE_S, 60.0)
+    rest: Rest | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -241,6 +260,8 @@ class PulseLimiter:
         many pulses does not add up [ns].
     train_start_ns, train_pulses, train_energy_j : int, int, float
         First onset [ns], pulses and energy [J] of the train that it belongs to.
+    rested_pulses : int
+        Pulses since the last rest of the patient.
     window : deque of (int, float)
         Onset [ns] and energy [J] of the pulses within the window of the mean power.
     window_energy_j : float
@@ -264,6 +285,7 @@ class PulseLimiter:
         self.train_start_ns = 0
         self.train_pulses = 0
         self.train_energy_j = 0.0
+        self.rested_pulses = 0
         self.window: deque[tuple[int, float]] = deque()
         self.window_energy_j = 0.0
         self.known: deque[tuple[int, float]] = deque()
@@ -306,6 +328,7 @@ class PulseLimiter:
             # what was booked against the limit leaves no debt to the next one
             self.counted_ns = time_ns if time_ns < due - self.tolerance_ns else max(time_ns, due)
         self.train_pulses += 1
+        self.rested_pulses = 1 if self._has_rested(time_ns) else self.rested_pulses + 1
         self.session_pulses += 1
         self.book_more(time_ns, energy_j)
         self.last_ns, self.last_intensity = time_ns, intensity
@@ -343,6 +366,12 @@ class PulseLimiter:
     def starts_train(self, time_ns: int) -> bool:
         """Return whether a pulse at ``time_ns`` [ns] would be the first of a train."""
         return self.last_ns is None or time_ns - self.last_ns >= self._pause_ns
+
+    def _has_rested(self, time_ns: int) -> bool:
+        rest = self.limits.rest
+        if rest is None or self.last_ns is None:
+            return True
+        return time_ns - self.last_ns >= nanoseconds(rest.pause_s)
 
     def _due_ns(self, intensity: float) -> tuple[int, float]:
         """Return when the next pulse is due at its rate limit [ns], and that rate [Hz]."""
@@ -449,6 +478,13 @@ class PulseLimiter:
                 f'expected a wait of {wait} s after a train of '
                 f'{counted(self.train_pulses, "pulse")} and {self.train_energy_j:.4g} J, '
                 f'got {gap} s',
+            )
+        rest = limits.rest
+        if rest and self.rested_pulses >= rest.train_pulses and not self._has_rested(time_ns):
+            yield Refusal(
+                'rest',
+                f'expected a pause of {rest.pause_s:g} s after at most {rest.train_pulses} '
+                'pulses, got one pulse more',
             )
 
     def _by_energy(self, energy_j: float) -> Iterator[Refusal]:

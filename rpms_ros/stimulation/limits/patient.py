@@ -23,7 +23,7 @@ from typing import Any
 
 from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation.limits.device_specification import DeviceSpecification
-from rpms_ros.stimulation.limits.limiter import DoseLimits
+from rpms_ros.stimulation.limits.limiter import DoseLimits, Rest
 from rpms_ros.stimulation.schedule.description import from_file
 from rpms_ros.stimulation.schedule.fields import (
     LONGEST_NAME,
@@ -43,22 +43,6 @@ _IDENTIFIER = re.compile(r'[A-Za-z0-9][A-Za-z0-9._-]*')
 
 
 @dataclass(frozen=True)
-class Rest(Bounded):
-    """How long trains may be, and how long the silence between two of them is at least.
-
-    Attributes
-    ----------
-    train_pulses : int
-        Most pulses of one train.
-    pause_s : float
-        Silence after which a new train begins [s].
-    """
-
-    train_pulses: int = bounded(Bound(1, 10_000_000, whole=True))
-    pause_s: float = bounded(Bound(0.0, 86_400.0, 's', above=True))
-
-
-@dataclass(frozen=True)
 class Patient(Bounded):
     """What one patient may get from one kind of device.
 
@@ -75,7 +59,7 @@ class Patient(Bounded):
     dose : DoseLimits
         Pulses and energy within a window.
     rest : Rest
-        Length of trains, and silence between them.
+        After how many pulses a silence is due, and how long.
     set_by : str
         Who is answerable for these figures.
     set_on, expires : date
@@ -188,8 +172,8 @@ def for_session(
     tighter = dataclasses.replace(
         limits,
         maximum_intensity=min(limits.maximum_intensity, patient.largest_comfortable),
-        maximum_train_pulses=min(limits.maximum_train_pulses, patient.rest.train_pulses),
-        minimum_pause_s=max(limits.minimum_pause_s, patient.rest.pause_s),
+        # shorter than between two trains, a pause might be the interval of two pulses
+        rest=Rest(patient.rest.train_pulses, max(limits.minimum_pause_s, patient.rest.pause_s)),
     )
     return dataclasses.replace(specification, limits=tighter)
 
