@@ -37,7 +37,7 @@ def add_import(subparsers: Subparsers) -> None:
     """Add `rpms import`."""
     summary = 'a file of a laboratory becomes a recording'
     parser = add_command(subparsers, 'import', run_import, summary)
-    parser.add_argument('file', type=Path, metavar='FILE', help='.csv, .txt, .mat or .xlsx')
+    parser.add_argument('file', type=Path, metavar='FILE', help='.csv, .txt, .mat, .xlsx, .xdf')
     parser.add_argument('--out', type=Path, required=True, metavar='BAG', help='new folder')
     add_signal_options(parser)
 

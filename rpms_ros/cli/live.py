@@ -9,7 +9,6 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from rpms_ros.cli.options import Subparsers, add_command, add_option, add_sensor_options
-from rpms_ros.errors import LiveError
 
 EVERYWHERE = '0.0.0.0'
 """Stands for every address of the machine."""
@@ -61,8 +60,6 @@ def run_live(arguments: argparse.Namespace) -> int:
     token = secrets.token_urlsafe(24) if arguments.stop else ''
     if arguments.token_file is not None:
         token = token_of(arguments.token_file)
-    if not 0 <= arguments.port <= 65535:
-        raise LiveError(f'expected a port of 0 to 65535, got {arguments.port}')
     names = ('address', 'port', 'axis', 'quantity')
     parameters = {name: getattr(arguments, name) for name in names}
     parameters['names'] = ['localhost', *arguments.allow_name]

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, get_type_hints
 
 from rpms_ros.errors import RecordingError
 from rpms_ros.printable import printable
-from rpms_ros.report.text import collapsed
 
 if TYPE_CHECKING:
     from rpms_ros.identification import Estimator
@@ -212,9 +211,9 @@ def read(path: Path, arguments: argparse.Namespace) -> 'Recording':
 
 
 def warn(findings: Iterable[tuple[str, str]]) -> None:
-    """Print each ``name: text`` on stderr, one line for all that say the same."""
-    for line in collapsed(findings):
-        print(f'rpms: {printable(line)}', file=sys.stderr)
+    """Print each ``name: text`` on stderr."""
+    for name, text in findings:
+        print(f'rpms: {printable(f"{name}: {text}")}', file=sys.stderr)
 
 
 def compile_estimator(build: 'Callable[[], Estimator]', quiet: bool) -> None:

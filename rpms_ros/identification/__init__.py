@@ -29,7 +29,6 @@ from rpms_ros.identification.model.settings import (
     TABLE_4 as TABLE_4,
     TABLE_5 as TABLE_5,
     PaperSettings as PaperSettings,
-    settings_by_name as settings_by_name,
 )
 from rpms_ros.identification.offline import (
     IdentifiedSession as IdentifiedSession,

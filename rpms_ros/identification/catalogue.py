@@ -23,12 +23,7 @@ from rpms_ros.identification.model.estimate import (
     Estimator,
 )
 from rpms_ros.identification.model.history_law import TemporalSummation
-from rpms_ros.identification.model.settings import (
-    PAPER_PRESETS,
-    PEOPLE_PRESET,
-    PRESET_NAMES,
-    settings_by_name,
-)
+from rpms_ros.identification.model.settings import PAPER_PRESETS, PEOPLE_PRESET, PRESET_NAMES
 from rpms_ros.identification.recursion.paper import ModifiedRecursiveLM
 from rpms_ros.identification.recursion.recursive import PEOPLE, FixedSizeRecursion
 
@@ -86,12 +81,12 @@ def _recursive(options: EstimatorOptions) -> Estimator:
     if options.preset not in PAPER_PRESETS:
         settings = replace(PEOPLE, deviation=options.preset == PEOPLE_PRESET)
         return FixedSizeRecursion(settings, options.rate_hz)
-    return ModifiedRecursiveLM(settings_by_name(options.preset), options.seed, options.rate_hz)
+    return ModifiedRecursiveLM(PAPER_PRESETS[options.preset], options.seed, options.rate_hz)
 
 
 def _projection(options: EstimatorOptions) -> ProjectionSettings:
     people, any_shape = options.preset not in PAPER_PRESETS, options.preset == PEOPLE_PRESET
-    start = PEOPLE.start if people else settings_by_name(options.preset).start
+    start = PEOPLE.start if people else PAPER_PRESETS[options.preset].start
     # The simulated plant of the paper has no latency; people have one, about 9 ms, rarely below 8.
     latency = 0.0 if options.preset == 'paper_table_4' else 8e-3
     basis = replace(ProjectionSettings().basis, latency=latency)

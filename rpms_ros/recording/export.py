@@ -81,7 +81,7 @@ def write_tables(
 
 
 def written_whole(place: Path, write: Callable[[Path], object]) -> None:
-    """Write a file or folder beside its place and move it there when it is complete.
+    """Write a folder beside its place and move it there when it is complete.
 
     Parameters
     ----------
@@ -103,9 +103,6 @@ def written_whole(place: Path, write: Callable[[Path], object]) -> None:
         with TemporaryDirectory(prefix='.rpms-', dir=parent) as folder:
             made = Path(folder) / place.name
             write(made)
-            if not made.is_dir():
-                # a rename would replace a file that has come meanwhile without a word
-                place.touch(exist_ok=False)
             made.replace(place)
     except OSError as error:
         raise RecordingError(f'expected to write {place}, got {error}') from error

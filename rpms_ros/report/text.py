@@ -3,7 +3,6 @@
 """Results as text: tables that fit a terminal, numbers with unit and interval."""
 
 import math
-import re
 import shutil
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
@@ -91,21 +90,6 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], texts: int = 1) ->
     sides = '<' * texts + '>' * (len(head) - texts)
     shape = '  '.join(f'{{:{side}{size}}}' for side, size in zip(sides, widths, strict=True))
     return '\n'.join(shape.format(*line).rstrip() for line in lines)
-
-
-def collapsed(findings: Iterable[tuple[str, str]]) -> list[str]:
-    """Return ``names: text``, one line for all names whose texts differ in numbers only."""
-    alike: dict[str, tuple[str, list[str]]] = {}
-    for name, text in findings:
-        pattern = re.sub(r'\d+', '0', text)
-        if name in alike.get(pattern, ('', []))[1]:
-            pattern = text
-        alike.setdefault(pattern, (text, []))[1].append(name)
-    return [f'{_names(names)}: {text}' for text, names in alike.values()]
-
-
-def _names(names: Sequence[str]) -> str:
-    return ', '.join(names) if len(names) <= 3 else f'{names[0]} and {len(names) - 1} more'
 
 
 def _wrapped(start: str, text: str, later: str | None = None) -> str:

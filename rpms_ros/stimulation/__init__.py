@@ -7,7 +7,6 @@ from rpms_ros.stimulation.schedule.description import (
     load_schedule as load_schedule,
     schedule_from_mapping as schedule_from_mapping,
     schedule_from_text as schedule_from_text,
-    schedule_to_mapping as schedule_to_mapping,
     schedule_to_text as schedule_to_text,
 )
 from rpms_ros.stimulation.schedule.fields import DescriptionError as DescriptionError

@@ -60,9 +60,8 @@ def test_several_recordings_follow_one_another_and_get_a_folder_each(
     for text, latency in ((magnetic_text, 9.45), (electrical_text, 24.4)):
         (mean,) = re.findall(r'\n  delay of the model +([0-9.]+) \+-', text)
         assert float(mean) == pytest.approx(latency, abs=0.5)
-    # remarks are collapsed
-    assert err.count('there is no steady force') == 1
-    assert 'rpms: rpms-1, fes-1: there is no steady force' in err
+    assert 'rpms: rpms-1: there is no steady force' in err
+    assert 'rpms: fes-1: there is no steady force' in err
 
 
 def test_parts_of_a_session_are_analysed_as_one(rpms, magnetic):

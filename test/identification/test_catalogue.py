@@ -8,14 +8,7 @@ import numpy as np
 import pytest
 
 from rpms_ros.errors import IdentificationError
-from rpms_ros.identification import (
-    TABLE_4,
-    TABLE_5,
-    ModifiedRecursiveLM,
-    StreamSettings,
-    identify,
-    settings_by_name,
-)
+from rpms_ros.identification import TABLE_4, TABLE_5, ModifiedRecursiveLM, StreamSettings, identify
 from rpms_ros.identification.catalogue import estimator_by_name, estimator_names
 from rpms_ros.identification.stream.sensor_checks import monitors_by_name
 from rpms_ros.pulses import ForceTrace, PulseTrain
@@ -139,13 +132,6 @@ def test_tracking_with_a_preset_has_its_start_and_keeps_its_functions(preset, st
     assert (settings.start, settings.basis.latency) == (start.start, latency)
     assert (settings.choose_basis, settings.find_changes) == (False, True)
     assert estimator_by_name('tracking').settings.choose_basis
-
-
-def test_presets_by_name():
-    assert settings_by_name('paper_table_4') is TABLE_4
-    assert settings_by_name('paper_table_5') is TABLE_5
-    with pytest.raises(IdentificationError, match=r"expected one of paper_table_4, .* got 'x'"):
-        settings_by_name('x')
 
 
 MONITORS = '''

@@ -113,16 +113,3 @@ PAPER_PRESETS = {'paper_table_4': TABLE_4, 'paper_table_5': TABLE_5}
 PEOPLE_PRESET = 'people'
 PRESET_NAMES = (PEOPLE_PRESET, 'arctan', *PAPER_PRESETS)
 """Presets that command lines and node parameters accept."""
-
-
-def settings_by_name(name: str) -> PaperSettings:
-    """Return a preset of `PAPER_PRESETS`.
-
-    Raises
-    ------
-    IdentificationError
-        If there is no such preset.
-    """
-    if name not in PAPER_PRESETS:
-        raise IdentificationError(f'expected one of {", ".join(PAPER_PRESETS)}, got {name!r}')
-    return PAPER_PRESETS[name]

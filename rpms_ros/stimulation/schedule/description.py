@@ -135,21 +135,12 @@ def load_schedule(path: Path) -> Schedule:
     return from_file(path, 'schedule file', schedule_from_mapping)
 
 
-def schedule_to_mapping(schedule: Schedule) -> dict[str, Any]:
-    """Return the mapping that describes ``schedule``."""
-    return {
-        'name': schedule.name,
-        'seed': schedule.seed,
-        'width_s': schedule.width_s,
-        'segments': [_described(item) for item in schedule.segments],
-    }
-
-
 def schedule_to_text(schedule: Schedule) -> str:
     """Return the YAML document that describes ``schedule``."""
-    mapping = schedule_to_mapping(schedule)
+    segments = [_described(item) for item in schedule.segments]
+    mapping = {'seed': schedule.seed, 'width_s': schedule.width_s, 'segments': segments}
     # in quotes: a reader of YAML could take it for something else
-    name = json.dumps(mapping.pop('name'), ensure_ascii=False)
+    name = json.dumps(schedule.name, ensure_ascii=False)
     return f'name: {name}\n{yaml.safe_dump(mapping, sort_keys=False)}'
 
 
