@@ -161,8 +161,8 @@ REASON: Mapping[str, str] = {
     'do: the muscle cannot be told from it to within the intervals',
     INTERVALS_VARY: 'the intervals of the pulses vary, and this estimator weighs a pulse by its '
     'interval as Eq. (10) does, which is not every muscle: use batch or tracking',
-    CHANGED_LATELY: 'a change was found less than 5 s of stimulation ago: what it left is still '
-    'being learnt',
+    CHANGED_LATELY: 'a change was found less than 5 s of stimulation ago, or less than 20 s '
+    'where the intensity changes slowly: what it left is still being learnt',
     NOT_ISOMETRIC: 'the force of the pulses grows and falls with the force beside them, as where '
     'the joint moves: a trial that is not isometric has no curve of its own',
     CLOCKS_DIFFER: 'the stamps of force and pulses do not belong together',

@@ -18,6 +18,7 @@ from rpms_ros.errors import IdentificationError, check_number
 from rpms_ros.identification.model.estimate import Estimate, Estimator, PredictingEstimator
 from rpms_ros.identification.quality import doubts as faults
 from rpms_ros.identification.quality.doubts import (
+    CHANGED_LATELY,
     RESPONSE_MISFIT,
     Alignment,
     Doubts,
@@ -270,6 +271,8 @@ _NOTE_CELLS = 10
 # The same between two looks at how pulses and force belong together; every half minute where what
 # was found stays.
 _ALIGN_CELLS = 50
+# For so long after a change a recursion may not have seen what it left, on a slow course [s].
+_SLOWLY_S = 20.0
 
 
 class IdentificationStream:
@@ -441,8 +444,11 @@ class IdentificationStream:
         # one that works off line compares the force with its one fit itself
         if self.estimator.on_line and self._misfit.doubted and estimate.curve_known:
             doubts = (*doubts, RESPONSE_MISFIT)
-        found = self._alignment.found
-        reasons = (*estimate.reasons, *found.values(), *self._steps.reasons(estimate))
+        found, slow = self._alignment.found, self._steps.reasons(estimate)
+        # seen once on a slow course, a muscle that goes on changing leaves no trace yet
+        if slow and 'unknown' in estimate.change_kinds and estimate.change_ago[-1] < _SLOWLY_S:
+            doubts = tuple(dict.fromkeys((*doubts, CHANGED_LATELY)))
+        reasons = (*estimate.reasons, *found.values(), *slow)
         return replace(estimate, doubts=(*found, *doubts), reasons=reasons)
 
     def _jump_back(self, newest_ns: int, stamp_ns: int) -> None:

@@ -3,6 +3,7 @@
 """The recursion for people: convergence, intervals, changes, and laws that hold always."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,10 +14,13 @@ from rpms_ros.identification import (
     NOT_INFORMED,
     FixedSizeRecursion,
     ModifiedRecursiveLM,
+    StreamSettings,
+    identify,
 )
 from rpms_ros.identification.quality.doubts import CHANGED_LATELY, INTERVALS_VARY
 from rpms_ros.identification.recursion.recursive import ChangeTest
 from rpms_ros.muscle import average_subject, simulation_subject
+from rpms_ros.pulses import ForceTrace, PulseTrain
 
 CHANGED_S = 40
 BOTH = (FixedSizeRecursion, ModifiedRecursiveLM)
@@ -243,6 +247,30 @@ def test_a_change_is_found_and_learnt_anew(living_sessions, kind):
     estimate = estimator.estimate(0, {})
     assert what.curve_error(estimate) < 0.01
     assert CHANGED_LATELY not in estimate.doubts
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(('excitation', 'seconds'), [('random', 5.0), ('sinusoid', 20.0)])
+def test_a_change_is_lately_for_longer_on_a_slow_course(living_sessions, excitation, seconds):
+    what = living_sessions.session('coil moved', excitation, 0, 66.0)
+    pulses = PulseTrain.regular(what.intensity, 20.0, 1_000)
+    settings = StreamSettings(estimate_period=0.5)
+    found = identify(FixedSizeRecursion(), pulses, ForceTrace(what.stamp_ns, what.force), settings)
+    ago = [one.change_ago[-1] for one in found.estimates if CHANGED_LATELY in one.doubts]
+    assert [one.changes for one in found.estimates][-1] == 1
+    assert seconds - 0.5 <= max(ago) < seconds + 2.5
+
+
+@pytest.mark.long
+def test_a_coil_that_slips_under_a_staircase_is_in_doubt_after_a_change(league):
+    kinds, excitation, one, generator = league.drawn(51, league.MUSCLES)
+    (grid, force, onset, intensity), _ = league.simulated(kinds, excitation, one, generator)
+    assert (kinds, excitation) == (['arctan', 'slip'], 'staircase')
+    onset_ns = np.rint(1e9 * onset).astype(int)
+    pulses = replace(PulseTrain.regular(intensity, one['rate']), onset_ns=onset_ns)
+    stamps = np.rint(1e9 * grid).astype(int)
+    last = identify(FixedSizeRecursion(), pulses, ForceTrace(stamps, force)).last
+    assert CHANGED_LATELY in last.doubts
 
 
 def test_blocks_change_no_bit_where_the_muscle_changes(living_sessions, images):
