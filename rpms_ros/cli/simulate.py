@@ -47,11 +47,6 @@ def add_simulate(subparsers: Subparsers) -> None:
         'units that sum by calcium (ding)'
     )
     add_option(group, '--muscle KIND', 'arctan', text, choices=_MUSCLES)
-    text = (
-        'weight each pulse by its own repetition rate; default for a schedule file, while the '
-        'others take --pulse-rate for all'
-    )
-    group.add_argument('--own-rates', action='store_true', help=text)
     add_option(group, '--rate HZ', 1000.0, 'of the force')
     for name, what in _DISTURBANCES.items():
         text = f'{what} [N] (default: that of the scenario, else 0)'
@@ -97,7 +92,8 @@ def run(arguments: argparse.Namespace) -> int:
         subject = replace(subject, recruitment=shape.normalised())
     from_file = arguments.schedule not in simulating.SCHEDULES
     _refuse_what_has_no_effect(arguments, from_file)
-    fixed_rate = None if arguments.own_rates or from_file else rate
+    # in a file each pulse has the weight of its own rate
+    fixed_rate = None if from_file else rate
     pulses = schedule.pulses(simulating.START_NS)
     stamp_ns = simulating.sample_times(schedule.length_s, arguments.rate)
     muscle = (MotorUnits if of_units else Contraction)(subject, fixed_rate, scenario.living)

@@ -9,7 +9,9 @@ from faulty_device import SimulatedFaults
 from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation import Schedule, Single, constant
 from rpms_ros.stimulation.devices.registry import UNVERIFIED, Delivery, DeviceError
+from rpms_ros.stimulation.driver.safety_monitor import Refused
 from rpms_ros.stimulation.driver.states import State
+from rpms_ros.stimulation.limits.limiter import Limits
 
 BUSY = 'computer too busy: pulses stopped; '
 SHORT = constant(0.5, 0.5, 20.0)
@@ -435,3 +437,27 @@ def test_device_that_is_not_in_order_is_not_armed(virtual, flag):
     with pytest.raises(DeviceError, match='expected a'):
         driver.armed()
     assert_safe(driver)
+
+
+def test_after_a_fault_no_intensity_counts_as_known(virtual):
+    """The device gave less than it was told to, as it says in the end."""
+    limits = Limits(maximum_intensity_rise=0.1)
+    rising = Schedule(tuple(Single(share, duration_s=1.0) for share in (0.1, 0.2, 0.3)))
+    driver = virtual(limits).started(rising, 2.5)
+    driver.controller.cancel()
+    driver.controller.arm()
+
+    def turned_down(*arguments):
+        driver.device.intensity = 0.0
+        return type(driver.device).fire(driver.device, *arguments)
+
+    driver.device.instead['fire'] = turned_down
+    driver.controller.start(Schedule((Single(0.4, duration_s=1.0),)))
+    driver.advance(0.5)
+    assert (driver.controller.state, driver.fired[-1].intensity) == (State.FAULT, 0.4)
+    driver.device.instead.clear()
+    driver.controller.cleanup()
+    driver.armed()
+    with pytest.raises(Refused, match=r'expected at most 0\.1 more than 0, the strongest'):
+        driver.controller.start(Schedule((Single(0.4, duration_s=1.0),)))
+    driver.controller.start(Schedule((Single(0.1, duration_s=1.0),)))

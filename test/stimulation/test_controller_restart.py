@@ -7,10 +7,10 @@ from contextlib import closing
 
 import pytest
 
-from rpms_ros.stimulation import constant
+from rpms_ros.stimulation import Ramp, Schedule, constant
 from rpms_ros.stimulation.driver.safety_monitor import Refused
 from rpms_ros.stimulation.driver.states import State
-from rpms_ros.stimulation.limits.limiter import BookedPulse, DoseLimits, LedgerError, Limits
+from rpms_ros.stimulation.limits.limiter import BookedPulse, DoseLimits, LedgerError, Limits, Rest
 from rpms_ros.stimulation.records.append_only import AUDIT_LOG, ChainedFile
 from rpms_ros.stimulation.records.clocks import Clocks
 from rpms_ros.stimulation.records.dose_ledger import DoseLedger, MemoryLedger
@@ -104,6 +104,44 @@ def test_rest_power_and_session_survive_a_restart(virtual):
         driver.controller.start(TRAIN)
     driver.advance(5.6)
     driver.controller.start(constant(0.1, 1.0, 20.0))
+
+
+def test_pulses_of_another_device_hide_no_wait_of_this_one(virtual):
+    limits = Limits(pulse_energy_j=100.0, continuous_power_w=100.0, energy_window_s=10.0)
+    # 30 pulses of 25 J in 1.5 s, and a second later the patient had a weak one elsewhere
+    past = [BookedPulse(-(i + 40) * SECOND // 20, 0.5, 25.0) for i in reversed(range(30))]
+    past.append(BookedPulse(-SECOND, 0.1, 1.0, on_device=False))
+    driver = virtual(limits, ledger=FailingLedger(past=past)).armed()
+    with pytest.raises(Refused, match=r'wait: expected a wait of 6 s after a train of 30 pulses'):
+        driver.controller.start(constant(0.1, 1.0, 20.0))
+
+
+def test_a_rest_is_that_of_the_patient(virtual):
+    limits = Limits(rest=Rest(20, 60.0))
+    past = [BookedPulse(-(i + 40) * SECOND // 20, 0.5, 25.0) for i in reversed(range(30))]
+    others = [pulse._replace(on_patient=False) for pulse in past]
+    virtual(limits, ledger=FailingLedger(past=others)).started(constant(0.1, 0.5, 20.0))
+    elsewhere = [pulse._replace(on_device=False) for pulse in past]
+    driver = virtual(limits, ledger=FailingLedger(past=elsewhere)).armed()
+    with pytest.raises(Refused, match='rest: expected a pause of 60 s after at most 20 pulses'):
+        driver.controller.start(constant(0.1, 0.5, 20.0))
+
+
+def test_the_dose_that_a_run_leaves_over_is_there_for_the_next_at_once(virtual):
+    ledger = MemoryLedger(DoseLimits(pulses=30, energy_j=1e6, window_h=24.0), lambda: SECOND)
+    driver = virtual(ledger=ledger).started(constant(0.3, 1.0, 20.0), 0.17)
+    driver.controller.cancel()
+    driver.controller.arm()
+    driver.controller.start(constant(0.3, 1.0, 20.0))
+    driver.advance(1.5)
+    assert driver.run.cause == 'completed'
+
+
+def test_a_start_knows_the_limit_of_temperature_of_the_driver(virtual):
+    driver = virtual(specification='rapid2-240v', temperature_limit=22.5).armed()
+    strong = Schedule((Ramp(20.0, 5.0, start=0.0, end=0.4), constant(0.4, 20.0, 20.0).segments[0]))
+    with pytest.raises(Refused, match=r'coil_cutout: expected a coil of at most 22\.5 Celsius'):
+        driver.controller.start(strong)
 
 
 def test_a_restart_knows_how_warm_the_coil_is_and_waits_until_it_has_cooled(virtual):

@@ -9,8 +9,10 @@ from pathlib import Path
 import pytest
 
 from rpms_ros.errors import StimulationError
+from rpms_ros.stimulation import constant
 from rpms_ros.stimulation.limits import device_specification, patient as patient_module
 from rpms_ros.stimulation.limits.device_specification import load_device_specification
+from rpms_ros.stimulation.limits.forecast import forecast
 from rpms_ros.stimulation.limits.limiter import DoseLimits, Limits, PulseLimiter, Rest
 from rpms_ros.stimulation.limits.patient import for_session, load_patient
 from rpms_ros.stimulation.schedule.fields import bounded_names
@@ -217,3 +219,8 @@ def test_faults_are_named_by_file_line_and_key(written, old, new, fault):
     assert old in PATIENT
     with pytest.raises(StimulationError, match=rf'mine\.yaml: .*{fault}'):
         load_patient(written(PATIENT.replace(old, new)))
+
+
+def test_a_forecast_knows_the_rest_that_follows():
+    train, limits = constant(0.1, 0.5, 20.0), replace(SIMULATED.limits, rest=Rest(10, 30.0))
+    assert forecast(train, replace(SIMULATED, limits=limits)).waits_s == (30.0,)

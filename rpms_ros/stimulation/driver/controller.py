@@ -125,6 +125,7 @@ class StimulationController(DeviceOwner):
         if thermal is not None:
             lowest = min(settings.temperature_limit, thermal.cutout)
             settings = dataclasses.replace(settings, temperature_limit=lowest)
+            thermal = dataclasses.replace(thermal, cutout=lowest)
         self.ledger = MemoryLedger() if ledger is None else ledger
         history = self.ledger.history(clock())
         coil = coil_after(history, thermal, clock()) if thermal else None
@@ -134,8 +135,9 @@ class StimulationController(DeviceOwner):
         # far as the device tells; a pulse has to pass both
         self.limiter = PulseLimiter(self.limits)
         self.confirmed = PulseLimiter(self.limits)
-        for books in (self.limiter, self.confirmed):
-            books.book_history(history)
+        self.limiter.book_history(history)
+        # among pulses of other devices the trains of this one would be others
+        self.confirmed.book_history(pulse for pulse in history if pulse.on_device)
         self.interlocks.require(_LEDGER, _SILENCES * settings.supervisor_timeout_s)
         self.lateness = Lateness()
         self.on_fired: Callable[[Fired], object] = bool
@@ -191,8 +193,6 @@ class StimulationController(DeviceOwner):
             If the state does not allow it, another schedule running among others.
         """
         plan = self._deliverable_plan(schedule, self._first_onset_ns())
-        # gives back what is left of the run before
-        self.reserve()
         run = Run(schedule, self._first_onset_ns(), plan.intensity.tolist())
         reservations = Reservations(self.ledger, run, self.limits, self.settings.reserve_s)
         try:
@@ -274,6 +274,8 @@ class StimulationController(DeviceOwner):
                 )
         intensity = self.device.quantized(schedule.plan.intensity)
         plan = dataclasses.replace(schedule.plan, intensity=intensity)
+        # gives back what is left of the run before
+        self.reserve()
         self.ledger.check(len(plan), self.limits.pulse_energy_j * float(np.sum(intensity**2)))
         for trial in trials:
             for time_s, (limit, reason) in trial.refusals(plan, schedule.width_s, start_ns):
@@ -283,9 +285,9 @@ class StimulationController(DeviceOwner):
     def _trials(self) -> tuple[list[Trial], int]:
         """Return a trial of each limiter that differs, and the pulses left in the session."""
         limiters = [self.limiter]
-        if self.confirmed.last_ns != self.limiter.last_ns:
+        if vars(self.confirmed) != vars(self.limiter):
             limiters.append(self.confirmed)
-        left = self.limits.session_pulses - self.limiter.session_pulses
+        left = max(self.limits.session_pulses - self.limiter.session_pulses, 0)
         return [Trial(kept, self.coil, self._active_ns) for kept in limiters], left
 
     # ---- the pulses of a run
@@ -318,9 +320,17 @@ class StimulationController(DeviceOwner):
             self.ledger.look()
         if self.interlocks.sleep() is not None:
             # the clock of the books stood still: what the subject knew may be of yesterday
-            for books in (self.limiter, self.confirmed):
-                books.known.clear()
+            self._forget_known()
         super()._arm()
+
+    def _open(self) -> None:
+        # before a fault the device may have given less than it was told
+        self._forget_known()
+        super()._open()
+
+    def _forget_known(self) -> None:
+        for books in (self.limiter, self.confirmed):
+            books.known.clear()
 
     def _advance(self) -> int:
         run, now = self.run, self._clock()

@@ -188,7 +188,7 @@ class Trial:
             if quiet := too_quiet(limiter.limits, time_ns - self._active_ns):
                 yield time_s, quiet
             if begun and limiter.starts_train(time_ns):
-                self.waits_s.append(limiter.wait_s)
+                self.waits_s.append(max(limiter.wait_s, limiter.rest_s))
             limiter.book(time_ns, intensity)
             if coil is not None:
                 self.celsius.append(coil.heat(time_ns, limiter.limits.energy_j(intensity)))
@@ -198,6 +198,6 @@ class Trial:
                     yield time_s, Refusal('coil_cutout', fault)
             self._active_ns, begun = time_ns, True
         if begun:
-            self.waits_s.append(limiter.wait_s)
+            self.waits_s.append(max(limiter.wait_s, limiter.rest_s))
         if quiet := too_quiet(limiter.limits, start_ns + plan.duration_ns - self._active_ns):
             yield plan.duration_s, quiet

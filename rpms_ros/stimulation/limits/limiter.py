@@ -222,6 +222,7 @@ TIMING_LIMITS = ('maximum_rate_hz', 'rate_limits_hz')
 ENERGY_ROUNDING = 1e-9
 # the difference of two shares is rounded once
 _SHARE_ROUNDING = math.ulp(1.0)
+_OF_PATIENT = ('session_pulses', 'session_energy_j', 'rested_pulses', 'patient_ns')
 
 
 class Refusal(NamedTuple):
@@ -260,8 +261,8 @@ class PulseLimiter:
         many pulses does not add up [ns].
     train_start_ns, train_pulses, train_energy_j : int, int, float
         First onset [ns], pulses and energy [J] of the train that it belongs to.
-    rested_pulses : int
-        Pulses since the last rest of the patient.
+    rested_pulses, patient_ns : int, int or None
+        Pulses since the last rest of the patient, and the onset of the last one [ns].
     window : deque of (int, float)
         Onset [ns] and energy [J] of the pulses within the window of the mean power.
     window_energy_j : float
@@ -286,6 +287,7 @@ class PulseLimiter:
         self.train_pulses = 0
         self.train_energy_j = 0.0
         self.rested_pulses = 0
+        self.patient_ns: int | None = None
         self.window: deque[tuple[int, float]] = deque()
         self.window_energy_j = 0.0
         self.known: deque[tuple[int, float]] = deque()
@@ -307,16 +309,16 @@ class PulseLimiter:
     def book_history(self, pulses: Iterable[BookedPulse]) -> None:
         """Count what earlier processes fired, oldest first.
 
-        Rest, trains and power count whatever this device or this patient had; the session is the
+        Trains and power count whatever this device or this patient had; rest and session are the
         patient's.  No intensity counts as known: the subject may be another one, or have rested.
         """
         for pulse in pulses:
-            session = self.session_pulses, self.session_energy_j
+            before = {name: getattr(self, name) for name in _OF_PATIENT}
             # clocks of two processes agree to some microseconds: time does not go back here
             latest = pulse.time_ns if self.last_ns is None else max(pulse.time_ns, self.last_ns)
             self._book(latest, pulse.intensity, pulse.energy_j)
             if not pulse.on_patient:
-                self.session_pulses, self.session_energy_j = session
+                vars(self).update(before)
         self.known.clear()
 
     def _book(self, time_ns: int, intensity: float, energy_j: float) -> None:
@@ -331,7 +333,7 @@ class PulseLimiter:
         self.rested_pulses = 1 if self._has_rested(time_ns) else self.rested_pulses + 1
         self.session_pulses += 1
         self.book_more(time_ns, energy_j)
-        self.last_ns, self.last_intensity = time_ns, intensity
+        self.last_ns, self.last_intensity, self.patient_ns = time_ns, intensity, time_ns
         while self.known and self.known[-1][1] <= intensity:
             self.known.pop()
         self.known.append((time_ns, intensity))
@@ -350,7 +352,7 @@ class PulseLimiter:
             return
         if self.train_pulses == 1:
             self.train_start_ns = time_ns
-        self.last_ns = time_ns
+        self.last_ns = self.patient_ns = time_ns
         self.counted_ns = max(self.counted_ns, time_ns)
         self.window[-1] = (time_ns, self.window[-1][1])
 
@@ -369,9 +371,15 @@ class PulseLimiter:
 
     def _has_rested(self, time_ns: int) -> bool:
         rest = self.limits.rest
-        if rest is None or self.last_ns is None:
+        if rest is None or self.patient_ns is None:
             return True
-        return time_ns - self.last_ns >= nanoseconds(rest.pause_s)
+        return time_ns - self.patient_ns >= nanoseconds(rest.pause_s)
+
+    @property
+    def rest_s(self) -> float:
+        """Silence that the patient needs before the next pulse [s]; 0 for none."""
+        rest = self.limits.rest
+        return rest.pause_s if rest and self.rested_pulses >= rest.train_pulses else 0.0
 
     def _due_ns(self, intensity: float) -> tuple[int, float]:
         """Return when the next pulse is due at its rate limit [ns], and that rate [Hz]."""
@@ -422,6 +430,13 @@ class PulseLimiter:
         yield from self._by_intensity(time_ns, intensity, width_s)
         if self.last_ns is not None:
             yield from self._by_time(time_ns, self.last_ns, intensity)
+        rest = self.limits.rest
+        if rest and self.rest_s and not self._has_rested(time_ns):
+            yield Refusal(
+                'rest',
+                f'expected a pause of {rest.pause_s:g} s after at most {rest.train_pulses} '
+                'pulses, got one pulse more',
+            )
         yield from self._by_energy(self.limits.energy_j(intensity))
 
     def _by_intensity(self, time_ns: int, intensity: float, width_s: float) -> Iterator[Refusal]:
@@ -478,13 +493,6 @@ class PulseLimiter:
                 f'expected a wait of {wait} s after a train of '
                 f'{counted(self.train_pulses, "pulse")} and {self.train_energy_j:.4g} J, '
                 f'got {gap} s',
-            )
-        rest = limits.rest
-        if rest and self.rested_pulses >= rest.train_pulses and not self._has_rested(time_ns):
-            yield Refusal(
-                'rest',
-                f'expected a pause of {rest.pause_s:g} s after at most {rest.train_pulses} '
-                'pulses, got one pulse more',
             )
 
     def _by_energy(self, energy_j: float) -> Iterator[Refusal]:
