@@ -59,7 +59,7 @@ class _Parser(argparse.ArgumentParser):
         if given:
             known = re.findall(r'[\w-]+', message[given.end() :]) if given[1] else []
             known += re.findall(r'--[\w-]+', self.format_help()) if given[2] else []
-            close = difflib.get_close_matches(given[1] or given[2], known, n=1)
+            close = difflib.get_close_matches(given[1] or given[2] or '', known, n=1)
             message += f'; did you mean {close[0]}?' if close else ''
         # A usage of ten lines would hide it.
         self.exit(FAILURE, f'{self.prog}: error: {message} ({self.prog} --help)\n')

@@ -45,7 +45,7 @@ from rpms_ros.identification.model.estimate import HIGHEST_RATE, LOWEST_RATE
 from rpms_ros.identification.model.history_law import TemporalSummation
 from rpms_ros.identification.model.settings import PEOPLE_PRESET
 from rpms_ros.identification.quality import doubts as faults
-from rpms_ros.identification.quality.doubts import stated_doubt
+from rpms_ros.identification.quality.doubts import EXPECTED_FORCE, stated_doubt
 from rpms_ros.identification.stream.sensor_checks import monitors_by_name
 from rpms_ros.identification.warm_up import warm_up
 from rpms_ros.nodes.common import qos, topics
@@ -375,6 +375,8 @@ class Identifier(NodeOfParts):
             logger_of(self).info('nothing speaks against the estimate any more')
 
     def _report(self) -> None:
+        # a node that was held up has not looked yet
+        self._take()
         self._senders.look()
         for ear in (self._force, self._pulses):
             if said := ear.look():
@@ -387,6 +389,11 @@ class Identifier(NodeOfParts):
                 logger_of(self).warning(f'{name}: {count} so far')
         self._reported = faults
         self._say_doubts()
+        most = float(np.abs(self._last.curve_force).max(initial=0.0)) if self._last else 0.0
+        if most > EXPECTED_FORCE:
+            usual = f'expected a muscle of at most {EXPECTED_FORCE:g} {self._unit}'
+            said = f'{usual}, got {most:.4g}: does the sensor tell grams or millinewtons?'
+            logger_of(self).warning(said, throttle_duration_sec=_SILENCE)
         silence = time.monotonic() - self._heard
         if silence > _SILENCE:
             publishers = self.count_publishers(self._force.name)

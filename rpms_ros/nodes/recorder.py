@@ -231,6 +231,9 @@ class Recorder(NodeOfParts):
         for key, what in ((PUBLISHERS_KEY, 'publishers'), (LOST_KEY, 'lost')):
             counts = {ear.name: getattr(ear, what) for ear in self._ears.values()}
             self._writer.custom[key] = json.dumps({name: n for name, n in counts.items() if n})
+        if self._writer.ended:
+            logger_of(self).error(f'{self.path} has no end: it could not be written any more')
+            return
         try:
             self._writer.close()
         except RecordingError as error:

@@ -322,10 +322,10 @@ class StimulatorDriver(LifecycleNode):
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         def reset() -> str:
             self._watch.forget_gone()
-            self.controller.reset()
-            self._reports.say('stop was reset')
+            what = 'reset' if self.controller.reset() else 'no stop was latched'
+            self._reports.say(f'{what}; the driver is {self.controller.state.name.lower()}')
             self._audit.note('reset')
-            return 'reset; the driver is disarmed'
+            return f'{what}; the driver is {self.controller.state.name.lower()}'
 
         return self._answered(response, reset)
 

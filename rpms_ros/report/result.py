@@ -33,7 +33,11 @@ from rpms_ros.identification.catalogue import estimator_by_name
 from rpms_ros.identification.estimation.prior import FittedMuscle, warm_start
 from rpms_ros.identification.model.history_law import TemporalSummation
 from rpms_ros.identification.model.settings import PAPER_PRESETS, PEOPLE_PRESET
-from rpms_ros.identification.quality.doubts import NO_CONSTANT_MUSCLE, SLOW_INTENSITIES
+from rpms_ros.identification.quality.doubts import (
+    EXPECTED_FORCE,
+    NO_CONSTANT_MUSCLE,
+    SLOW_INTENSITIES,
+)
 from rpms_ros.identification.quality.explained_force import (
     Stated,
     informed_parameters,
@@ -43,7 +47,6 @@ from rpms_ros.identification.quality.explained_force import (
 )
 from rpms_ros.identification.quality.verdict import (
     DOUBTFUL,
-    EXPECTED_FORCE,
     FOLLOWER,
     GOOD,
     Verdict,

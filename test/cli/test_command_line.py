@@ -99,6 +99,8 @@ def test_a_slip_of_the_keyboard_is_answered_with_what_was_meant(arguments, meant
     assert err.endswith(' --help)\n')
     assert err.count('\n') == 1
     assert 'did you mean' not in exits(capsys, 'xyzzy')[2]
+    # as of a variable of the shell that nobody has set
+    assert exits(capsys, 'demo', '--preset', '')[0] == 2
 
 
 def test_a_star_that_stands_for_many_recordings_is_not_answered_with_their_names(capsys):

@@ -53,6 +53,8 @@ def test_a_good_recording(rpms, short_session):
     found = lines_of(out)
     assert found['hash'].split() == ['ok', session_hash(read_recording(short_session))]
     assert found['checksums'].startswith('ok       SHA-256 of short_0.mcap, metadata.yaml')
+    # as of a recorder that was killed
+    assert found['lost'] == 'unknown  the recording does not tell\n'
     code, out, _ = rpms('verify', short_session, '--json')
     findings = json.loads(out)['findings']
     assert code == 0

@@ -16,9 +16,9 @@ from rpms_ros.identification import (
     identify,
 )
 from rpms_ros.identification.model.estimate import NOT_INFORMED
+from rpms_ros.identification.quality.doubts import EXPECTED_FORCE
 from rpms_ros.identification.quality.explained_force import simulated_fit, simulated_force
 from rpms_ros.identification.quality.verdict import (
-    EXPECTED_FORCE,
     Verdict,
     doublings,
     period_of_estimates,

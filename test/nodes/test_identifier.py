@@ -305,6 +305,14 @@ def test_the_log_says_when_the_estimate_is_not_to_be_trusted(graph, capfd):
     assert heard('nothing speaks against the estimate any more')
 
 
+def test_the_log_asks_for_the_unit_of_an_impossible_force(graph, capfd):
+    pulses, forces = recording(4.0)
+    bench = Bench(graph)
+    bench.send(pulses, ForceTrace(forces.stamp_ns, 1e3 * forces.force))
+    bench.identifier._report()
+    graph.wait_for(lambda: 'does the sensor tell grams or millinewtons?' in capfd.readouterr().err)
+
+
 @pytest.mark.parametrize(
     ('values', 'message'),
     [

@@ -209,6 +209,31 @@ def test_a_callback_that_compiles_is_finished_after_a_signal(python):
     assert ended(python, SPINNING) == (0, 'finished\n', '')
 
 
+CLOSING = """
+import os, signal, sys
+from rclpy.node import Node
+from rpms_ros.nodes.common.runner import run
+
+class ExampleNode(Node):
+
+    def __init__(self):
+        super().__init__('example')
+        self.create_timer(0.01, lambda: os.kill(os.getpid(), signal.SIGTERM))
+
+    def destroy_node(self):
+        for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGINT):
+            os.kill(os.getpid(), number)
+        super().destroy_node()
+        print('closed', flush=True)
+
+sys.exit(run(ExampleNode))
+"""
+
+
+def test_further_signals_do_not_interrupt_the_end(python):
+    assert ended(python, CLOSING) == (0, 'closed\n', '')
+
+
 def test_a_failure_while_a_node_is_built_is_not_hidden(python):
     failing = COMPILING.replace('signal.SIGINT', '0')
     failing = failing.replace('while True:', "raise RuntimeError('no node')")

@@ -274,3 +274,16 @@ def test_short_silence_holds_pulses_back_before_it_is_a_problem():
     # who was armed a moment ago has waited for the device meanwhile
     assert interlocks.problem(SECOND, since_ns=SECOND // 2) is None
     assert interlocks.problem(SECOND + 1, since_ns=SECOND // 2) is not None
+
+
+def test_a_reset_without_a_latched_stop_says_nothing_of_one(running):
+    before = running.controller.reason
+    assert running.controller.reset() is False
+    assert (running.controller.state, running.controller.reason) == (State.RUNNING, before)
+    running.press_stop()
+    running.release_stop()
+    assert running.controller.reset() is True
+    assert (running.controller.state, running.controller.reason) == (
+        State.DISARMED,
+        'stop was reset',
+    )

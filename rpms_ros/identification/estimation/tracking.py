@@ -79,6 +79,7 @@ from rpms_ros.identification.model.recruitment import (
     recruitment_curve,
 )
 from rpms_ros.identification.quality.doubts import (
+    BAND_WIDER_THAN_CURVE,
     CURVE_NEGATIVE,
     DISTURBANCE_FOLLOWS,
     DISTURBANCE_LIVELY,
@@ -489,7 +490,12 @@ class TrackingEstimator(ProjectionEstimator):
         alike = fit.residuals_alike and fit.misfit * fit.weighting_variance > 0.5 * fit.variance
         size = float(np.abs(described.curve_force).max(initial=0.0))
         highest = float(np.abs(described.response_force).max(initial=0.0))
+        low, high = self._intensity_range
+        grid = described.curve_intensity[: len(described.curve_upper)]
+        given = (low <= grid) & (grid <= high)
+        width = float((described.curve_upper - described.curve_lower)[given].max(initial=0.0))
         doubts = {
+            BAND_WIDER_THAN_CURVE: width > size,
             # where all of the interval is
             CURVE_NEGATIVE: described.curve_upper.min(initial=0.0) < -NEGATIVE * size,
             RESPONSE_NEGATIVE: described.response_upper.min(initial=0.0) < -NEGATIVE * highest,

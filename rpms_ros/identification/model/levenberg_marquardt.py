@@ -22,6 +22,7 @@ decorated by `numba.extending.register_jitable` and not by `numba.njit`: the key
 keeps a compiled closure holds what it closes over, and a dispatcher is another one in every
 process.  The algebra of symmetric matrices of a few rows is compiled too: at this size LAPACK's
 calls cost more than the arithmetic, and numba offers them with allocation only.
+The condition number, which only the paper's presets ask for in compiled code, is LAPACK's.
 """
 
 import math
@@ -32,9 +33,6 @@ import numba
 import numpy as np
 
 from rpms_ros.pulses import BoolArray, FloatArray
-
-# Off-diagonal elements this small do not change a digit of a condition number below 1e6.
-_NEGLIGIBLE = 1e-12
 
 
 @numba.njit(cache=True)
@@ -99,66 +97,16 @@ def solve_factorised(matrix: FloatArray, vector: FloatArray) -> None:
 
 
 @numba.njit(cache=True)
-def _rotate(work: FloatArray, low: int, high: int) -> None:
-    """Annul work[low, high] of a symmetric matrix by one Jacobi rotation, in place."""
-    coupling = work[low, high]
-    if coupling == 0.0:
-        return
-    ratio = (work[high, high] - work[low, low]) / (2.0 * coupling)
-    tangent = 1.0 / (abs(ratio) + math.sqrt(1.0 + ratio * ratio))
-    if ratio < 0.0:
-        tangent = -tangent
-    cosine = 1.0 / math.sqrt(1.0 + tangent * tangent)
-    sine = tangent * cosine
-    work[low, low] -= tangent * coupling
-    work[high, high] += tangent * coupling
-    work[low, high] = 0.0
-    work[high, low] = 0.0
-    for index in range(len(work)):
-        if index in (low, high):
-            continue
-        left = work[index, low]
-        right = work[index, high]
-        work[index, low] = work[low, index] = cosine * left - sine * right
-        work[index, high] = work[high, index] = sine * left + cosine * right
-
-
-@numba.njit(cache=True)
-def condition_number(matrix: FloatArray, work: FloatArray) -> float:
+def condition_number(matrix: FloatArray) -> float:
     """Return the ratio of the largest to the smallest singular value of a symmetric matrix.
 
-    Singular values of a symmetric matrix are the magnitudes of its eigenvalues, found by cyclic
-    Jacobi rotations, whose error falls quadratically: at three or four rows, five sweeps reach
-    working precision.  Infinite if singular.
-
-    Parameters
-    ----------
-    matrix : ndarray (n, n)
-        Symmetric, not changed.
-    work : ndarray (n, n)
-        Overwritten.
+    Infinite if it is singular or not finite.
     """
-    work[:] = matrix
-    count = len(work)
-    for _ in range(5):
-        coupling = 0.0
-        size = 0.0
-        for low in range(count):
-            size += abs(work[low, low])
-            for high in range(low + 1, count):
-                coupling += abs(work[low, high])
-        if coupling <= _NEGLIGIBLE * size:
-            break
-        for low in range(count):
-            for high in range(low + 1, count):
-                _rotate(work, low, high)
-    largest = 0.0
-    smallest = math.inf
-    for index in range(count):
-        magnitude = abs(work[index, index])
-        largest = max(largest, magnitude)
-        smallest = min(smallest, magnitude)
-    return largest / smallest if smallest > 0.0 else math.inf
+    if not np.isfinite(matrix).all():
+        return math.inf
+    magnitude = np.abs(np.linalg.eigvalsh(matrix))
+    smallest = magnitude.min()
+    return float(magnitude.max() / smallest) if smallest > 0.0 else math.inf
 
 
 LEAST_DAMPING = 1e-9

@@ -598,6 +598,9 @@ class ResponseMisfit:
         return shape > _SHAPE or gain > _GAIN
 
 
+EXPECTED_FORCE = 200.0
+"""Far above the force of a hand, a forearm or a foot [N]; a strong leg may have more."""
+
 SLOW_INTENSITIES = (
     'the intensity changes too slowly to show the response: its interval holds for a twitch of '
     'the model, not where limb or sensor swing or filter (random or catch pulses would show it)'

@@ -26,6 +26,7 @@ from rpms_ros.identification.model.estimate import (
 from rpms_ros.identification.offline import IdentifiedSession, settled
 from rpms_ros.identification.quality.doubts import (
     CLOCKS_DIFFER,
+    EXPECTED_FORCE,
     FORCE_UNEXPLAINED,
     MEANING,
     NO_CONSTANT_MUSCLE,
@@ -60,8 +61,6 @@ Reason = tuple[str, str]
 """Grade and sentence."""
 
 
-# Far above the force of a hand, a forearm or a foot [N]; a strong leg at a dynamometer needs more.
-EXPECTED_FORCE = 200.0
 # Least range of the force [N].  Sensors for people resolve 0.01 to 0.1 N, and muscles of rats pull
 # with some newtons; in kN a force of 10 N is 0.01.
 _LEAST_FORCE = 0.05

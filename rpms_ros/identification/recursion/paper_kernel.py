@@ -117,7 +117,6 @@ class Workspace(NamedTuple):
     scratch: FloatArray
     derivative: FloatArray
     damped: FloatArray
-    rotated: FloatArray
     step: FloatArray
     candidate: FloatArray
 
@@ -137,9 +136,9 @@ def workspace(functions: int, acting_pulses: int) -> Workspace:
         raw_gradient=np.zeros((NONLINEAR, functions)),
         scratch=np.zeros((2, 4)),
         candidate=np.zeros(4),
+        damped=np.zeros((NONLINEAR, NONLINEAR)),
         **{name: np.zeros(functions) for name in ('raw', 'regressor', 'gain')},
         **{name: np.zeros(NONLINEAR) for name in ('derivative', 'step')},
-        **{name: np.zeros((NONLINEAR, NONLINEAR)) for name in ('damped', 'rotated')},
     )
 
 
@@ -262,7 +261,7 @@ def _damped_step(
     for row in range(NONLINEAR):
         damped[row, row] += scalars['damping'][0]
         work.step[row] = work.derivative[row] * error
-    scalars['condition_number'][0] = condition_number(damped, work.rotated)
+    scalars['condition_number'][0] = condition_number(damped)
     if scalars['condition_number'][0] > constants.condition_limit:
         scalars['damping'][0] += constants.damping_increment
         for row in range(NONLINEAR):

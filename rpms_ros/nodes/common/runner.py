@@ -111,6 +111,11 @@ class StopRequest:
         if self.made:
             raise KeyboardInterrupt
 
+    def ignore(self) -> None:
+        """Let no further signal interrupt the end, of which a recording needs all."""
+        for number in self._before:
+            signal.signal(number, signal.SIG_IGN)
+
     def restore(self) -> None:
         """Restore the earlier handlers."""
         for number, handler in self._before.items():
@@ -234,6 +239,7 @@ def run(build: Callable[[], Node], args: Sequence[str] | None = None) -> int:
         print(f'error: {" ".join(str(error).split())}', file=sys.stderr)
         return 2
     finally:
+        stop.ignore()
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()

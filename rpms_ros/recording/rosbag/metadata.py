@@ -126,7 +126,7 @@ _LINE = re.compile(r'([0-9a-f]{64})  ([^/\0]+)')
 def write_checksums(folder: Path, names: Iterable[str]) -> None:
     """Write SHA256SUMS of these files."""
     text = ''.join(f'{sha256(folder / name)}  {name}\n' for name in names)
-    (folder / SUMS_NAME).write_text(text)
+    (folder / SUMS_NAME).write_text(text, 'utf-8', 'surrogateescape')
 
 
 def fits(path: Path, digest: str | None) -> bool:
@@ -150,7 +150,7 @@ def read_checksums(folder: Path) -> dict[str, str] | None:
     if not path.is_file():
         raise RecordingError(f'expected a regular file {path}, got something else')
     with path.open('rb') as file:
-        lines = file.read(_LONGEST).decode('utf-8', 'replace').splitlines()
+        lines = file.read(_LONGEST).decode('utf-8', 'surrogateescape').splitlines()
     matches = [_LINE.fullmatch(line) for line in lines]
     found = {match[2]: match[1] for match in matches if match}
     if not found or len(found) < len(lines):

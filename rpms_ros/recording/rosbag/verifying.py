@@ -91,7 +91,12 @@ def verify(
     structure = f'{count} messages on {len(facts.topics)} topics, {facts.storage}'
     findings = _found('structure', facts.remarks, structure)
     findings += [*_checksums(folder, facts), *_publishers(facts)]
-    findings += _found('lost', _lost(facts), 'the recorder tells of nothing')
+    told = LOST_KEY in facts.custom
+    findings += (
+        _found('lost', _lost(facts), 'the recorder tells of nothing')
+        if told
+        else [Finding('lost', UNKNOWN, 'the recording does not tell')]
+    )
     # a text that does not fit its hash is among the remarks already
     findings += [Finding('schedule', OK, str(one)) for one in facts.schedules] or [
         Finding('schedule', UNKNOWN, 'the recording does not tell')

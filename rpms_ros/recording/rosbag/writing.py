@@ -207,6 +207,11 @@ class RecordingWriter:
         if not self._file.closed:
             self._writer.flush()
 
+    @property
+    def ended(self) -> bool:
+        """Whether nothing more can be written: it was closed, or the disk took no more."""
+        return self._file.closed
+
     def close(self) -> None:
         """Write what is left, the index, metadata.yaml and the checksums."""
         if self._file.closed:

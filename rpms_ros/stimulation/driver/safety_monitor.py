@@ -317,8 +317,8 @@ class SafetyMonitor:
         if self.state is State.RUNNING:
             self._halt(Halt(Command.FINISH, reason, cause))
 
-    def reset(self) -> None:
-        """Reset a latched stop; the driver stays disarmed.
+    def reset(self) -> bool:
+        """Reset a latched stop; the driver stays disarmed.  Return whether one was latched.
 
         Raises
         ------
@@ -327,9 +327,11 @@ class SafetyMonitor:
         """
         self._apply_halts()
         with self._lock:
+            latched = self.interlocks.latched
             self.interlocks.reset(self._clock())
-            if self.state is not State.FAULT:
+            if latched and self.state is not State.FAULT:
                 self._standing = Standing(self.state, 'stop was reset')
+            return latched
 
     def count(self, name: str) -> None:
         """Count something that went wrong."""

@@ -15,6 +15,7 @@ from rpms_ros.identification.estimation import window_fit
 from rpms_ros.identification.estimation.tracking import TrackingEstimator, TrackingSettings
 from rpms_ros.identification.model.estimate import CONVERGED
 from rpms_ros.identification.quality.doubts import (
+    BAND_WIDER_THAN_CURVE,
     DISTURBANCE_FOLLOWS,
     DISTURBANCE_LIVELY,
     NOT_ISOMETRIC,
@@ -62,6 +63,15 @@ def held(session, estimates):
             for one, curve in pairs
         ]
     )
+
+
+def test_an_interval_that_is_wider_than_the_curve_is_doubted(living_sessions):
+    _, estimates = run(living_sessions.session('steady', 'random', 0, 2.0))
+    known = [one for one in estimates if one.curve_known and len(one.curve_upper)]
+    wider = [np.ptp([e.curve_lower, e.curve_upper], 0).max() > e.curve_force.max() for e in known]
+    doubted = [BAND_WIDER_THAN_CURVE in one.doubts for one in known]
+    assert (wider[0], doubted[0]) == (True, True)
+    assert (wider[-1], doubted[-1]) == (False, False)
 
 
 @pytest.mark.parametrize('excitation', ['random', 'sinusoid'])
