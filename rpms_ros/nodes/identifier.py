@@ -389,11 +389,12 @@ class Identifier(NodeOfParts):
                 logger_of(self).warning(f'{name}: {count} so far')
         self._reported = faults
         self._say_doubts()
-        most = float(np.abs(self._last.curve_force).max(initial=0.0)) if self._last else 0.0
+        last = self._last
+        most = float(np.abs(last.curve_force).max()) if last and last.curve_known else 0.0
         if most > EXPECTED_FORCE:
             usual = f'expected a muscle of at most {EXPECTED_FORCE:g} {self._unit}'
             said = f'{usual}, got {most:.4g}: does the sensor tell grams or millinewtons?'
-            logger_of(self).warning(said, throttle_duration_sec=_SILENCE)
+            logger_of(self).warning(said, once=True)
         silence = time.monotonic() - self._heard
         if silence > _SILENCE:
             publishers = self.count_publishers(self._force.name)

@@ -82,6 +82,7 @@ def test_what_was_published_is_in_the_recording(graph, tmp_path):
     graph.wait_for(lambda: recorder.counts['pulses'] == SAMPLES // 50)
     recorder.close()
     check(path, SAMPLES)
+    assert ('lost', 'ok') in [(one.check, one.state) for one in verify(path)]
 
 
 def test_recorders_of_one_second_take_different_names(graph, tmp_path, monkeypatch):

@@ -439,6 +439,20 @@ def test_device_that_is_not_in_order_is_not_armed(virtual, flag):
     assert_safe(driver)
 
 
+def test_a_configuration_that_is_refused_forgets_nothing(running):
+    known = [
+        list(books.known) for books in (running.controller.limiter, running.controller.confirmed)
+    ]
+    with pytest.raises(StimulationError, match='configure: expected state UNCONFIGURED'):
+        running.controller.configure()
+    assert known[0]
+    # nor do the two books differ after pulses that were all given
+    assert vars(running.controller.limiter) == vars(running.controller.confirmed)
+    assert [
+        list(books.known) for books in (running.controller.limiter, running.controller.confirmed)
+    ] == known
+
+
 def test_after_a_fault_no_intensity_counts_as_known(virtual):
     """The device gave less than it was told to, as it says in the end."""
     limits = Limits(maximum_intensity_rise=0.1)

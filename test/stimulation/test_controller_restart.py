@@ -7,6 +7,7 @@ from contextlib import closing
 
 import pytest
 
+from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation import Ramp, Schedule, constant
 from rpms_ros.stimulation.driver.safety_monitor import Refused
 from rpms_ros.stimulation.driver.states import State
@@ -142,6 +143,13 @@ def test_a_start_knows_the_limit_of_temperature_of_the_driver(virtual):
     strong = Schedule((Ramp(20.0, 5.0, start=0.0, end=0.4), constant(0.4, 20.0, 20.0).segments[0]))
     with pytest.raises(Refused, match=r'coil_cutout: expected a coil of at most 22\.5 Celsius'):
         driver.controller.start(strong)
+
+
+def test_a_limit_of_temperature_that_the_room_reaches_is_refused(virtual):
+    with pytest.raises(
+        StimulationError, match='temperature_limit: expected more than ambient, 22'
+    ):
+        virtual(specification='rapid2-240v', temperature_limit=20.0)
 
 
 def test_a_restart_knows_how_warm_the_coil_is_and_waits_until_it_has_cooled(virtual):

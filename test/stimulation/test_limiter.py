@@ -174,6 +174,14 @@ def test_a_subject_is_led_to_an_intensity_step_by_step():
     assert give(limiter, [15.0], 0.2) is None
 
 
+def test_a_pulse_that_came_later_is_known_from_then_on():
+    limiter = PulseLimiter(Limits(maximum_intensity_rise=0.1, rise_window_s=10.0))
+    limiter.book(0, 0.1)
+    limiter.correct(SECOND)
+    assert list(limiter.known) == [(SECOND, 0.1)]
+    assert limiter.refusal(11 * SECOND, 0.2, WIDTH) is None
+
+
 def test_no_intensity_of_an_earlier_process_is_known():
     limiter = PulseLimiter(Limits(maximum_intensity_rise=0.1))
     limiter.book_history([BookedPulse(-SECOND, 0.5, 10.0)])

@@ -492,10 +492,11 @@ class TrackingEstimator(ProjectionEstimator):
         highest = float(np.abs(described.response_force).max(initial=0.0))
         low, high = self._intensity_range
         grid = described.curve_intensity[: len(described.curve_upper)]
-        given = (low <= grid) & (grid <= high)
+        given = (low <= grid) & (grid <= high + 1e-9)
+        reached = described.curve_force[described.curve_intensity <= high + 1e-9]
         width = float((described.curve_upper - described.curve_lower)[given].max(initial=0.0))
         doubts = {
-            BAND_WIDER_THAN_CURVE: width > size,
+            BAND_WIDER_THAN_CURVE: width > np.abs(reached).max(initial=0.0),
             # where all of the interval is
             CURVE_NEGATIVE: described.curve_upper.min(initial=0.0) < -NEGATIVE * size,
             RESPONSE_NEGATIVE: described.response_upper.min(initial=0.0) < -NEGATIVE * highest,

@@ -79,7 +79,7 @@ class StopRequest:
 
     def __init__(self) -> None:
         self.made = False
-        self._spinning = False
+        self._spinning = self._ignoring = False
         self._before: dict[int, Callable[[int, FrameType | None], Any] | int | None] = {}
         self._take_over(ENDING)
 
@@ -113,6 +113,7 @@ class StopRequest:
 
     def ignore(self) -> None:
         """Let no further signal interrupt the end, of which a recording needs all."""
+        self._ignoring = True
         for number in self._before:
             signal.signal(number, signal.SIG_IGN)
 
@@ -127,6 +128,8 @@ class StopRequest:
             self._before[number] = signal.signal(number, self._on_signal)
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
+        if self._ignoring:
+            return
         again, self.made = self.made, True
         modules = {one.f_globals.get('__name__', '').split('.')[0] for one, _ in walk_stack(frame)}
         if again or not self._spinning:

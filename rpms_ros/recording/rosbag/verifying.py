@@ -58,7 +58,7 @@ class Finding:
 def _found(check: str, faults: Iterable[str], well: str) -> list[Finding]:
     """Return a finding for each fault, or that there is none."""
     found = [Finding(check, FAULT, printable(text)) for text in faults]
-    return found or [Finding(check, OK, well)]
+    return found or [Finding(check, OK, printable(well))]
 
 
 def verify(

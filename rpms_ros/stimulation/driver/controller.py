@@ -125,6 +125,9 @@ class StimulationController(DeviceOwner):
         if thermal is not None:
             lowest = min(settings.temperature_limit, thermal.cutout)
             settings = dataclasses.replace(settings, temperature_limit=lowest)
+            if not lowest > thermal.ambient:
+                wrong = f'expected more than ambient, {thermal.ambient:g}, got {lowest:g}'
+                raise StimulationError(f'temperature_limit: {wrong}')
             thermal = dataclasses.replace(thermal, cutout=lowest)
         self.ledger = MemoryLedger() if ledger is None else ledger
         history = self.ledger.history(clock())
@@ -324,9 +327,9 @@ class StimulationController(DeviceOwner):
         super()._arm()
 
     def _open(self) -> None:
+        super()._open()
         # before a fault the device may have given less than it was told
         self._forget_known()
-        super()._open()
 
     def _forget_known(self) -> None:
         for books in (self.limiter, self.confirmed):

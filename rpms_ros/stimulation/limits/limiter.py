@@ -355,6 +355,8 @@ class PulseLimiter:
         self.last_ns = self.patient_ns = time_ns
         self.counted_ns = max(self.counted_ns, time_ns)
         self.window[-1] = (time_ns, self.window[-1][1])
+        if self.known:
+            self.known[-1] = (time_ns, self.known[-1][1])
 
     def _forget(self, time_ns: int) -> None:
         """Forget what has left the windows of mean power and of rise."""
