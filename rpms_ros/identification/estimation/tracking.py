@@ -493,7 +493,10 @@ class TrackingEstimator(ProjectionEstimator):
         low, high = self._intensity_range
         grid = described.curve_intensity[: len(described.curve_upper)]
         given = (low <= grid) & (grid <= high + 1e-9)
-        reached = described.curve_force[described.curve_intensity <= high + 1e-9]
+        # of a curve that is not known neither force nor interval
+        reached = described.curve_force[
+            : np.count_nonzero(described.curve_intensity <= high + 1e-9)
+        ]
         width = float((described.curve_upper - described.curve_lower)[given].max(initial=0.0))
         doubts = {
             BAND_WIDER_THAN_CURVE: width > np.abs(reached).max(initial=0.0),
