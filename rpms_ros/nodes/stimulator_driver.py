@@ -323,9 +323,10 @@ class StimulatorDriver(LifecycleNode):
         def reset() -> str:
             self._watch.forget_gone()
             what = 'reset' if self.controller.reset() else 'no stop was latched'
-            self._reports.say(f'{what}; the driver is {self.controller.state.name.lower()}')
+            said = f'{what}; the driver is {self.controller.state.name.lower()}'
+            self._reports.say(said)
             self._audit.note('reset')
-            return f'{what}; the driver is {self.controller.state.name.lower()}'
+            return said
 
         return self._answered(response, reset)
 

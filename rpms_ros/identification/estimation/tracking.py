@@ -88,6 +88,7 @@ from rpms_ros.identification.quality.doubts import (
     PULSES_TOO_FREQUENT,
     RESIDUALS_ALIKE,
     RESPONSE_NEGATIVE,
+    band_wider_than_curve,
     doubted,
 )
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray
@@ -490,16 +491,8 @@ class TrackingEstimator(ProjectionEstimator):
         alike = fit.residuals_alike and fit.misfit * fit.weighting_variance > 0.5 * fit.variance
         size = float(np.abs(described.curve_force).max(initial=0.0))
         highest = float(np.abs(described.response_force).max(initial=0.0))
-        low, high = self._intensity_range
-        grid = described.curve_intensity[: len(described.curve_upper)]
-        given = (low <= grid) & (grid <= high + 1e-9)
-        # of a curve that is not known neither force nor interval
-        reached = described.curve_force[
-            : np.count_nonzero(described.curve_intensity <= high + 1e-9)
-        ]
-        width = float((described.curve_upper - described.curve_lower)[given].max(initial=0.0))
         doubts = {
-            BAND_WIDER_THAN_CURVE: width > np.abs(reached).max(initial=0.0),
+            BAND_WIDER_THAN_CURVE: band_wider_than_curve(described, *self._intensity_range),
             # where all of the interval is
             CURVE_NEGATIVE: described.curve_upper.min(initial=0.0) < -NEGATIVE * size,
             RESPONSE_NEGATIVE: described.response_upper.min(initial=0.0) < -NEGATIVE * highest,

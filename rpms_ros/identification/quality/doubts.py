@@ -662,6 +662,16 @@ def meaning_of_doubt(name: str) -> str:
     return REASON.get(name) or MEANING.get(name, 'reported by a monitor')
 
 
+def band_wider_than_curve(estimate: Estimate, low: float, high: float) -> bool:
+    """Return whether, between the intensities given, the interval is wider than the curve."""
+    if not (estimate.curve_known and len(estimate.curve_upper)):
+        return False
+    reached = estimate.curve_intensity <= high + 1e-9
+    given = reached & (estimate.curve_intensity >= low)
+    width = (estimate.curve_upper - estimate.curve_lower)[given].max(initial=0.0)
+    return bool(width > np.abs(estimate.curve_force[reached]).max(initial=0.0))
+
+
 # Limits as shares of the largest force, with room for noise and baseline.
 _BEYOND = 1.5
 NEGATIVE = 0.2
@@ -708,8 +718,7 @@ class PlausibilityCheck:
         if not estimate.curve_known:
             return estimate
         # at intensities that were given
-        low, high = self.intensity_range
-        given = estimate.curve_intensity <= high + 1e-9
+        given = estimate.curve_intensity <= self.intensity_range[1] + 1e-9
         curve = estimate.curve_force[given]
         full = float(estimate.curve_force[-1])
         # The response is to full intensity, which need not have been given.
@@ -722,15 +731,11 @@ class PlausibilityCheck:
             (self.pulses - 1) * NANOSECONDS_PER_SECOND / self._time_ns
             > _SLOWER * estimate.repetition_rate
         )
-        width = 0.0
-        if len(estimate.curve_upper):
-            told = given & (estimate.curve_intensity >= low)
-            width = float((estimate.curve_upper - estimate.curve_lower)[told].max())
         wrong = {
             CURVE_NEGATIVE: bool(curve.min() < -NEGATIVE * self.largest_force),
             CURVE_BEYOND_FORCE: bool(curve.max() > most and fast),
             RESPONSE_BEYOND_FORCE: min(share, 1.0) * highest > most,
             RESPONSE_NEGATIVE: lowest < -_RESPONSE_NEGATIVE * highest,
-            BAND_WIDER_THAN_CURVE: width > float(np.abs(curve).max()),
+            BAND_WIDER_THAN_CURVE: band_wider_than_curve(estimate, *self.intensity_range),
         }
         return doubted(estimate, wrong)

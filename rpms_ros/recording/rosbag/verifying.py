@@ -8,7 +8,6 @@ are those that the driver gave.
 
 import json
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -90,13 +89,10 @@ def verify(
     count = sum(topic.count for topic in facts.topics)
     structure = f'{count} messages on {len(facts.topics)} topics, {facts.storage}'
     findings = _found('structure', facts.remarks, structure)
-    findings += [*_checksums(folder, facts), *_publishers(facts)]
-    told = LOST_KEY in facts.custom
-    findings += (
-        _found('lost', _lost(facts), 'the recorder tells of nothing')
-        if told
-        else [Finding('lost', UNKNOWN, 'the recording does not tell')]
-    )
+    findings += _checksums(folder, facts)
+    several, lost = '{topic} had {count} publishers', '{count} messages of {topic} were lost'
+    findings += _noted(facts, 'publishers', PUBLISHERS_KEY, 1, several, 'one for each topic')
+    findings += _noted(facts, 'lost', LOST_KEY, 0, lost, 'the recorder tells of nothing')
     # a text that does not fit its hash is among the remarks already
     findings += [Finding('schedule', OK, str(one)) for one in facts.schedules] or [
         Finding('schedule', UNKNOWN, 'the recording does not tell')
@@ -134,14 +130,16 @@ def _checksums(folder: Path, facts: RecordingFacts) -> list[Finding]:
     return _found('checksums', wrong, f'SHA-256 of {", ".join(sums)}')
 
 
-def _publishers(facts: RecordingFacts) -> list[Finding]:
+def _noted(
+    facts: RecordingFacts, check: str, key: str, usual: int, fault: str, well: str
+) -> list[Finding]:
+    """Return a finding for each topic of which the recorder counted more than is usual."""
     try:
-        counts = json.loads(facts.custom[PUBLISHERS_KEY])
-        several = {str(topic): int(count) for topic, count in counts.items() if int(count) > 1}
+        counts = {str(topic): int(n) for topic, n in json.loads(facts.custom[key]).items()}
     except (AttributeError, KeyError, TypeError, ValueError, RecursionError):
-        return [Finding('publishers', UNKNOWN, 'the recording does not tell')]
-    faults = [f'{topic} had {count} publishers' for topic, count in several.items()]
-    return _found('publishers', faults, 'one for each topic')
+        return [Finding(check, UNKNOWN, 'the recording does not tell')]
+    said = (fault.format(topic=topic, count=n) for topic, n in counts.items() if n > usual)
+    return _found(check, said, well)
 
 
 def _audit(recording: Recording, path: Path) -> Iterator[Finding]:
@@ -180,10 +178,3 @@ def _audit(recording: Recording, path: Path) -> Iterator[Finding]:
         yield Finding('audit', FAULT, text)
     elif not wrong:
         yield Finding('audit', OK, f'{counted(len(pulses), "pulse")} as the driver gave them')
-
-
-def _lost(facts: RecordingFacts) -> Iterator[str]:
-    """Say what the recorder did not keep, by its own count."""
-    with suppress(AttributeError, KeyError, TypeError, ValueError, RecursionError):
-        for topic, count in json.loads(facts.custom[LOST_KEY]).items():
-            yield f'{int(count)} messages of {topic} were lost'

@@ -280,6 +280,7 @@ class PulseLimiter:
         self._pause_ns = nanoseconds(limits.minimum_pause_s)
         self._window_ns = nanoseconds(limits.energy_window_s)
         self._rise_ns = nanoseconds(limits.rise_window_s)
+        self._rest_ns = nanoseconds(limits.rest.pause_s) if limits.rest else 0
         self.last_ns: int | None = None
         self.last_intensity = 0.0
         self.counted_ns = 0
@@ -372,10 +373,7 @@ class PulseLimiter:
         return self.last_ns is None or time_ns - self.last_ns >= self._pause_ns
 
     def _has_rested(self, time_ns: int) -> bool:
-        rest = self.limits.rest
-        if rest is None or self.patient_ns is None:
-            return True
-        return time_ns - self.patient_ns >= nanoseconds(rest.pause_s)
+        return self.patient_ns is None or time_ns - self.patient_ns >= self._rest_ns
 
     @property
     def rest_s(self) -> float:
