@@ -247,9 +247,9 @@ class StimulationController(DeviceOwner):
 
     def _begin(self, run: Run, reservations: Reservations) -> None:
         """Begin a run that was checked; done by the owner."""
+        since = self._epoch
         self._refuse_if_open()
         after(self.state, Command.START)
-        since = self._epoch
         if quiet := too_quiet(self.limits, run.due_ns - self._active_ns):
             raise Refused(*quiet)
         self.run, self._reservations = run, reservations
@@ -300,12 +300,14 @@ class StimulationController(DeviceOwner):
         due_ns = None
         with self._deadlines.of(f'{BUSY}a turn of the driver', self.settings.stuck_limit_s):
             try:
-                self._apply_halts()
+                self._settle()
                 self.orders.serve()
+                self._settle()
                 due_ns = self._advance()
+                self._settle()
                 self._keep_alive(due_ns)
                 if self.state in (State.DISARMED, *POSSIBLE):
-                    self._call('beat', self._epoch, self.device.beat)
+                    self._call('beat', self._since, self.device.beat)
             except DeviceError:
                 # it was dealt with where it came up
                 pass
@@ -374,8 +376,8 @@ class StimulationController(DeviceOwner):
         if self._read or now > begin_ns:
             return trigger_ns
         if now >= begin_ns - _MARGIN_NS:
-            since = self._epoch
-            self._use_status(self._read_back_status(since), since, run.intensity)
+            status = self._read_back_status(self._since)
+            self._use_status(status, self._since, run.intensity)
             return now
         return begin_ns - _MARGIN_NS
 
@@ -390,7 +392,7 @@ class StimulationController(DeviceOwner):
         needed_ns = self._reading_back_ns + self._preparing_ns + self._trigger_ns
         while not run.exhausted and run.due_ns - self._clock() < needed_ns:
             self._drop(run, _INTENSITY)
-        self._verified(run, self._unread[-1].intensity, self._epoch)
+        self._verified(run, self._unread[-1].intensity, self._since)
 
     def _verified(self, run: Run, expected: float, since: object) -> tuple[float, bool]:
         """Read back what the last pulse was given with; return that, and whether it was right.
@@ -439,7 +441,7 @@ class StimulationController(DeviceOwner):
     def _rest(self) -> None:
         """Set intensity zero while no pulse is due."""
         if self._set_intensity != 0.0:
-            self._call('rest', self._epoch, self.device.rest)
+            self._call('rest', self._since, self.device.rest)
             self._set_intensity = 0.0
 
     def _read_temperature(self, run: Run, spare_ns: int) -> None:
@@ -448,10 +450,10 @@ class StimulationController(DeviceOwner):
             self._drop(run, _READING)
         # a device that does not tell any more costs no more pulses than one that does
         self._measured_ns = self._clock()
-        self._ask_status(self._epoch)
+        self._ask_status(self._since)
 
     def _prepare(self, run: Run, spare_ns: int) -> None:
-        began, since, intensity = self._clock(), self._epoch, run.intensity
+        began, since, intensity = self._clock(), self._since, run.intensity
         spare_s = max(0, spare_ns) / NANOSECONDS_PER_SECOND
         status = self._call('prepare', since, self.device.prepare, intensity, spare_s)
         self._answered_ns, self._read = self._clock(), False
@@ -462,7 +464,7 @@ class StimulationController(DeviceOwner):
 
     def _pulse(self, run: Run) -> None:
         """Fire the pulse that is due, if everything allows it at this very moment."""
-        since = self._epoch
+        since = self._since
         if self._charging:
             # after the pulse before
             self._ask_status(since)

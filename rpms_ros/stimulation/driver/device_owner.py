@@ -267,6 +267,7 @@ class DeviceOwner(SafetyMonitor):
         # what the device was told and what it said
         self._set_intensity: float | None = None
         self._charging = False
+        self._settle()
 
     def configure(self) -> None:
         """Open the device.
@@ -357,10 +358,11 @@ class DeviceOwner(SafetyMonitor):
         self._enter(Command.CONFIGURE, reason, self._epoch)
 
     def _arm(self) -> None:
+        since = self._epoch
         after(self.state, Command.ARM)
         self.interlocks.awake()
         self._refuse_if_open()
-        since, limit_s = self._epoch, self.device.arm_s + self.settings.stuck_limit_s
+        limit_s = self.device.arm_s + self.settings.stuck_limit_s
         status = self._call('arm', since, self.device.arm, limit_s=limit_s)
         if status is None and since is self._epoch:
             self.fail('device', 'arm: expected the status of the device, got none')
@@ -427,6 +429,11 @@ class DeviceOwner(SafetyMonitor):
                     self._silence()
                     self._apply_halts()
 
+    def _settle(self) -> None:
+        """Take the epoch before the state: what is decided by that state is decided in it."""
+        self._since = self._epoch
+        self._apply_halts()
+
     def _keep_alive(self, due_ns: int) -> None:
         """Keep the device alive if nothing else has, at a moment when no pulse is due."""
         now = self._clock()
@@ -438,7 +445,7 @@ class DeviceOwner(SafetyMonitor):
         no_room = self.state is State.RUNNING and due_ns - now < self._keeping_ns
         if no_room and silent_ns < 2 * keep_ns:
             return
-        self._ask_status(self._epoch)
+        self._ask_status(self._since)
         self._keeping_ns = self._clock() - now
 
     def _ask_status(self, since: object) -> None:
