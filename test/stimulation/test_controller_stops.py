@@ -69,38 +69,38 @@ def _lines_of_a_stop(controller):
     yield
 
 
+def _stop_in_a_turn(driver, moment, lines):
+    """Let another thread come so far with a stop, and be held up until the turn is over."""
+    stop, step, seen = _lines_of_a_stop(driver.controller), driver.controller.step, 0
+
+    def between():
+        nonlocal seen
+        seen += 1
+        if seen == moment:
+            for _ in range(lines):
+                next(stop)
+
+    def turn():
+        driver.clock.between = between
+        following = step()
+        driver.clock.between = None
+        if seen >= moment:
+            list(stop)
+        return following
+
+    driver.controller.step = turn
+    driver.advance(0.3)
+    return seen >= moment
+
+
 @pytest.mark.parametrize('lines', [1, 2, 3, 4])
 def test_a_stop_at_any_moment_of_a_turn_is_the_reason_and_no_fault(virtual, lines):
-    reached, moment = True, 0
-    while reached:
+    for moment in range(1, 41):
         driver = virtual(keep_alive_s=0.05).started(constant(0.5, 5.0, 5.0), seconds=0.05)
-        controller, reached, seen = driver.controller, False, 0
-        stop, step = _lines_of_a_stop(controller), controller.step
-
-        def between(stop=stop):
-            nonlocal reached, seen
-            reached, seen = reached or seen == moment, seen + 1
-            if seen == moment + 1:
-                # another thread gets so far with a stop, and is held up until the turn is over
-                for _ in range(lines):
-                    next(stop)
-
-        def turn(driver=driver, stop=stop, step=step, between=between):
-            driver.clock.between = between
-            following = step()
-            driver.clock.between = None
-            if reached:
-                list(stop)
-            return following
-
-        controller.step = turn
-        driver.advance(0.3)
-        if reached:
-            assert controller.status() == (State.DISARMED, True, 'a test'), moment
-            assert controller.fault_counts() == {'test': 1}
-            assert not driver.device.armed
-        moment += 1
-    assert moment > 20
+        assert _stop_in_a_turn(driver, moment, lines)
+        assert driver.controller.status() == (State.DISARMED, True, 'a test'), moment
+        assert driver.controller.fault_counts() == {'test': 1}
+        assert not driver.device.armed
 
 
 def test_a_sleep_of_the_machine_stops(running, monkeypatch):
