@@ -32,6 +32,34 @@ def test_a_stop_from_before_the_device_is_opened_is_still_the_reason(virtual):
     assert controller.status() == (State.DISARMED, False, 'stop was reset')
 
 
+def _lines_of_a_stop(controller):
+    controller._halts.append(Halt(Command.STOP, 'a test', 'stopped', 'test'))
+    yield
+    controller._epoch = object()
+    yield
+    controller._silence()
+    yield
+    controller._apply_halts()
+    yield
+
+
+@pytest.mark.parametrize('lines', [1, 2, 3, 4])
+def test_a_stop_while_the_device_is_opened_stays_latched(virtual, lines):
+    driver = virtual()
+    stop, opened = _lines_of_a_stop(driver.controller), driver.device.open
+
+    def opens():
+        opened()
+        for _ in range(lines):
+            next(stop)
+
+    driver.device.instead['open'] = opens
+    driver.controller.configure()
+    list(stop)
+    assert driver.controller.status() == (State.DISARMED, True, 'a test')
+    assert not driver.device.armed
+
+
 def test_stop_between_the_check_and_the_trigger_leaves_no_pulse(running):
     driver = running
     driver.once_booked(lambda: driver.controller.stop('test', 'a test'))
@@ -56,17 +84,6 @@ def test_a_halt_that_is_only_noted_keeps_the_owner_from_firing(driver_in):
     driver.controller.step()
     assert driver.device.commands == []
     assert driver.controller.status() == (State.DISARMED, True, 'a test')
-
-
-def _lines_of_a_stop(controller):
-    controller._halts.append(Halt(Command.STOP, 'a test', 'stopped', 'test'))
-    yield
-    controller._epoch = object()
-    yield
-    controller._silence()
-    yield
-    controller._apply_halts()
-    yield
 
 
 def _stop_in_a_turn(driver, moment, lines):

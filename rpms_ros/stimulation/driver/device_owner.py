@@ -354,8 +354,11 @@ class DeviceOwner(SafetyMonitor):
             self._close(str(error))
             raise
         # a stop that came before or meanwhile stays latched, and is the reason
-        reason = self.interlocks.latched_reason or 'device open, disarmed'
-        self._enter(Command.CONFIGURE, reason, self._epoch)
+        reason = 'device open, disarmed'
+        while not self._enter(
+            Command.CONFIGURE, self.interlocks.latched_reason or reason, self._epoch
+        ):
+            self._apply_halts()
 
     def _arm(self) -> None:
         since = self._epoch
