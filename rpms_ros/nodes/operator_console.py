@@ -142,7 +142,8 @@ class OperatorConsole(NodeOfParts):
         if self._state == DriverStatus.UNCONFIGURED:
             configure = Transition(id=Transition.TRANSITION_CONFIGURE)
             self._call(self._configure, ChangeState.Request(transition=configure))
-        self._started = False
+        # the driver of a confirmation that is still waited for may be gone
+        self._started, self._pending = False, None
         self.client.request().add_done_callback(self._tell)
 
     def _go_on(self) -> None:

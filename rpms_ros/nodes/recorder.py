@@ -12,6 +12,7 @@ recorder empties them.
 import json
 import shutil
 import time
+from collections import deque
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -152,6 +153,8 @@ class Recorder(NodeOfParts):
         # in the recording, once a message has come
         self._numbers: dict[str, int] = {}
         self._told: list[str] = []
+        # what is to be written: arrival for the order, and of the message [ns], topic, message
+        self._found: deque[tuple[int, int, str, bytes]] = deque()
         # an open recording is ended properly, whatever fails from here on
         self._parts.callback(self.close)
         self._diagnostics = DiagnosticsPublisher(
@@ -187,7 +190,10 @@ class Recorder(NodeOfParts):
                 # A clock that is set back must not change the order within a topic.
                 arrived_ns = max(arrived_ns, received_ns)
                 found.append((arrived_ns, received_ns, name, taken.data))
-        for _, received_ns, name, data in sorted(found, key=itemgetter(0)):
+        # kept until it is written: a second signal may come in between
+        self._found.extend(sorted(found, key=itemgetter(0)))
+        while self._found:
+            _, received_ns, name, data = self._found.popleft()
             if name not in self._numbers:
                 # Its publisher is known only now, with its quality of service.
                 infos = self.get_publishers_info_by_topic(name)

@@ -116,12 +116,13 @@ class StimulatorDriver(LifecycleNode):
             self._autostart = load_schedule(Path(settings.schedule_file).expanduser())
         self._audit = DriverAudit(settings.audit_log, partial(self.controller.open, AUDIT))
         self._parts.callback(self._audit.close)
-        self._parts.callback(self._audit.note, 'end')
+        self._pulses = PulsePublisher(self)
+        # with pulses that were on their way when it was disarmed
+        self._parts.callback(lambda: self._audit.note('end', **self._pulses.hash.for_the_log()))
         self._threads = ControllerThreads(self.controller)
         self._parts.callback(self._threads.close)
         name = self.get_fully_qualified_name()
         self._audit.require('session', driver=name, device=device, process=os.getpid())
-        self._pulses = PulsePublisher(self)
         self.controller.on_fired = self._pulses.publish
         who = self.controller, self.buttons, self.authority
         self._reports = DriverReports(self, self._audit, *who, device)
@@ -321,6 +322,8 @@ class StimulatorDriver(LifecycleNode):
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         def reset() -> str:
+            # a stop of this moment is told and logged before it is reset
+            self._guarded_tick()
             self._watch.forget_gone()
             what = 'reset' if self.controller.reset() else 'no stop was latched'
             said = f'{what}; the driver is {self.controller.state.name.lower()}'

@@ -320,3 +320,24 @@ def test_simulated_time_is_refused_while_running(clinic):
     assert not answer.successful
     assert answer.reason.startswith('expected use_sim_time false')
     assert not lab.driver.get_parameter('use_sim_time').value
+
+
+def test_an_operator_who_is_released_while_the_enable_is_let_go_stops_nothing(driver_bench, graph):
+    bench = driver_bench(operator='ada')
+    bench.activate()
+    authority, controller = bench.driver.authority, bench.controller
+    released = authority.released_enable
+
+    def released_enable(now_ns):
+        if not bench.ada.enable:
+            # as the executor does, while the thread that watches is at work
+            controller.disarm()
+            authority.release()
+        return released(now_ns)
+
+    authority.released_enable = released_enable
+    bench.ada.enable = False
+    bench.ada.beat()
+    graph.wait_for(lambda: not controller.device.armed)
+    bench.wait_for_state(DriverStatus.DISARMED)
+    assert controller.fault_counts() == {}

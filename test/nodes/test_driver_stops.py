@@ -3,6 +3,7 @@
 """The driver as a node and as a process: stops, interlocks, faults, signals."""
 
 import signal
+import threading
 import time
 from functools import partial
 from itertools import count
@@ -12,6 +13,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from faulty_device import FaultyDevice, SimulatedFaults
 from geometry_msgs.msg import WrenchStamped
 from lifecycle_msgs.msg import State, Transition
+from std_srvs.srv import Trigger
 
 from rpms_msgs.action import RunSchedule
 from rpms_msgs.msg import DriverStatus, Pulse
@@ -251,6 +253,43 @@ def test_deaf_driver_of_a_blocked_executor_does_not_fire(driver_bench):
     stopped = bench.controller.delivered
     bench.wait_for_state(DriverStatus.STOPPED)
     assert bench.controller.delivered == stopped
+
+
+def test_a_stop_that_is_reset_in_the_same_moment_is_told_and_logged(driver_bench, graph, tmp_path):
+    bench = driver_bench(audit_log=str(tmp_path / 'audit.jsonl'))
+    bench.activate()
+    bench.statuses.clear()
+    bench.controller.stop('test', 'a test')
+    assert bench.driver._on_reset(Trigger.Request(), Trigger.Response()).success
+    graph.wait_for(lambda: any(one.state == DriverStatus.STOPPED for one in bench.statuses))
+    graph.remove(bench.driver)
+    kinds = [one.content['kind'] for one in verify_log(tmp_path / 'audit.jsonl').records]
+    assert kinds == ['begin', 'session', 'configure', 'arm', 'stop', 'reset', 'end']
+
+
+def test_a_pulse_on_its_way_when_the_driver_is_disarmed_is_vouched_for(
+    driver_bench, graph, tmp_path
+):
+    bench = driver_bench(audit_log=str(tmp_path / 'audit.jsonl'))
+    fire, begun, go_on = bench.controller.device.fire, threading.Event(), threading.Event()
+
+    def fires(*what):
+        given = fire(*what)
+        begun.set()
+        go_on.wait(10.0)
+        return given
+
+    bench.activate()
+    bench.controller.device.fire = fires
+    bench.send()
+    graph.wait_for(begun.is_set)
+    bench.driver.change('deactivate')
+    go_on.set()
+    graph.wait_for(lambda: bench.controller.delivered == 1)
+    graph.remove(bench.driver)
+    records = verify_log(tmp_path / 'audit.jsonl').records
+    hashed = [one.content for one in records if 'pulses_sha256' in one.content]
+    assert [one['pulses'] for one in hashed] == [1]
 
 
 def test_error_in_a_transition_ends_in_the_safe_state(driver_bench, graph):

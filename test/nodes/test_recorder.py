@@ -230,6 +230,25 @@ def test_what_a_full_queue_loses_is_counted(graph, tmp_path):
     assert '100 messages of /force were lost' in faults(tmp_path / 'session')
 
 
+def test_a_second_signal_while_messages_are_written_loses_none(graph, tmp_path, monkeypatch):
+    source = Source(graph)
+    recorder = graph.add(Recorder, path=str(tmp_path / 'session'))
+    source.wait_for_listeners()
+    append = recorder._writer.append
+
+    def interrupted(*what):
+        append(*what)
+        monkeypatch.undo()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(recorder._writer, 'append', interrupted)
+    source.send(100)
+    with pytest.raises(KeyboardInterrupt):
+        graph.wait_for(lambda: recorder.counts['force'] == 100)
+    recorder.close()
+    check(tmp_path / 'session', 100)
+
+
 def test_a_recorder_that_cannot_be_made_leaves_no_open_file(graph, tmp_path, monkeypatch):
     # an unclosed file is a warning, and a warning an error here
     monkeypatch.setattr(module, 'every', lambda *_: 1 / 0)

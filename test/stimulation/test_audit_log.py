@@ -151,3 +151,27 @@ def test_a_log_that_cannot_be_written_says_so(path, tmp_path):
     log.close()
     with pytest.raises(StimulationError, match=r'expected a writable .*, got a closed file'):
         log.append('arm', {})
+
+
+def test_an_interruption_after_a_record_was_written_costs_no_record_behind_it(path, monkeypatch):
+    with closing(ChainedFile(path, AUDIT_LOG)) as log:
+        sync = os.fsync
+
+        def interrupted(file):
+            sync(file)
+            raise KeyboardInterrupt
+
+        monkeypatch.setattr(os, 'fsync', interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            log.append('session', {})
+        monkeypatch.undo()
+        with pytest.raises(StimulationError, match='got KeyboardInterrupt'):
+            log.append('end', {})
+    assert not verify_log(path).fault
+    with closing(ChainedFile(path, AUDIT_LOG)) as log:
+        log.append('session', {})
+    assert [one.content['kind'] for one in verify_log(path).records] == [
+        'begin',
+        'session',
+        'session',
+    ]

@@ -450,3 +450,18 @@ def test_a_fork_that_outlives_the_driver_does_not_keep_it_armed(fake, wait_for):
         finally:
             driver.kill()
             os.kill(child, signal.SIGKILL)
+
+
+def test_a_silence_that_comes_late_on_the_line_is_begun_after_and_no_error(device):
+    device.arm()
+    silence = device._line.silence
+
+    def late():
+        device._line.silence = silence
+        # another thread, between the number of the silence and its bytes
+        device.keep_alive()
+        return silence()
+
+    device._line.silence = late
+    device.silence()
+    assert device.keep_alive().armed is False

@@ -377,11 +377,13 @@ class DriverWatch:
         if not self._authority.confirmed:
             return
         problem = self._authority.problem(now_ns)
+        # before the state: who releases an operator has disarmed
+        released = self._authority.released_enable(now_ns)
         if self._client.ended:
             problem = f'expected the process of {self._authority.operator} to run, got its end'
         if problem is None or self._controller.state not in POSSIBLE:
             return
-        if self._authority.released_enable(now_ns):
+        if released:
             self._controller.disarm(problem)
         else:
             self._controller.stop(HEARTBEAT, problem)

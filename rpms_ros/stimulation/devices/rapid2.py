@@ -497,6 +497,8 @@ class SerialDevice:
         self._silenced = next(self._silences)
         if not self._line.silence():
             raise DeviceError('expected a line that takes a silence, got one that does not')
+        # of what began between the two nothing is known either
+        self._silenced = next(self._silences)
 
     def close(self) -> None:
         """Disarm, give back remote control, release the port."""

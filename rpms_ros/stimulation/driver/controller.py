@@ -54,7 +54,6 @@ from rpms_ros.stimulation.limits.limiter import (
     TIMING_LIMITS,
     BookedPulse,
     DoseExceeded,
-    Interlocked,
     LedgerError,
     PulseLimiter,
     Refused,
@@ -223,21 +222,15 @@ class StimulationController(DeviceOwner):
         Called by a thread of its own.
         """
         self.seen(_LEDGER)
-        reservations, run = self._reservations, self.run
-        if reservations is None or run is None:
-            return self._clock() + _RESERVE_NS
-        # a run that ends from here on may have pulses left that the next call gives back
-        over = bool(run.ended)
         try:
-            reservations.extend(self._clock())
+            if (reservations := self._reservations) is not None:
+                reservations.extend(self._clock())
         except DoseExceeded as error:
             self.count(error.limit)
             self.cancel(str(error), 'limit')
         except LedgerError as error:
             self.fail(_LEDGER, str(error))
             # what it does not take back counts as given
-            over = True
-        if over and self._reservations is reservations:
             self._reservations = None
         return self._clock() + _RESERVE_NS
 
@@ -257,9 +250,7 @@ class StimulationController(DeviceOwner):
         # nothing can be read any more of a run that was cut short: it ended with intensity zero
         self._unread = []
         self._wait_for_nothing()
-        if not self._enter(Command.START, f'running {run.schedule.name}', since):
-            run.end(self.reason, 'stopped')
-            raise Interlocked('stop', f'start: expected no stop meanwhile, got one: {self.reason}')
+        self._enter(Command.START, f'running {run.schedule.name}', since)
 
     def _deliverable_plan(self, schedule: Schedule, start_ns: int) -> Plan:
         """Return the plan as the device can give it, or raise what stands against it."""
@@ -475,9 +466,10 @@ class StimulationController(DeviceOwner):
             return
         pulse, onset_ns = self._booked(run), self._clock() + self._trigger_ns
         latest_ns = pulse.due_ns + nanoseconds(self.settings.lateness_limit_s) - self._trigger_ns
-        if since is not self._epoch:
-            # a stop came while the books were written
+        if since is not self._epoch or pulse.intensity > self.limits.maximum_intensity:
+            # a stop or a lower bound came while the books were written
             return
+        self.commanded += 1
         began = self._clock()
         told = pulse.intensity, pulse.width_s, latest_ns
         unknown = Delivery(onset_ns, pulse.intensity, frozenset(UNVERIFIED))
@@ -557,7 +549,9 @@ class StimulationController(DeviceOwner):
             if self._reservations is not None:
                 self._reservations.take(run.cursor)
         except LedgerError as error:
-            self.fail(_LEDGER, str(error))
+            # of a run that was stopped it was given back
+            if self._since is self._epoch:
+                self.fail(_LEDGER, str(error))
             raise DeviceError(str(error)) from error
         onset_ns = self._clock() + self._trigger_ns
         energy = self.limits.energy_j(run.intensity)
@@ -566,7 +560,6 @@ class StimulationController(DeviceOwner):
             self.coil.heat(onset_ns, energy)
         run.energy_j += energy
         run.cursor += 1
-        self.commanded += 1
         if math.isfinite(self.device.read_back_s):
             self._unread.append(BookedPulse(onset_ns, pulse.intensity, energy))
         self._active_ns = onset_ns

@@ -27,7 +27,7 @@ from rpms_ros.stimulation.devices.registry import Device, DeviceError, DeviceSta
 from rpms_ros.stimulation.driver.safety_monitor import SUPERVISOR, Halt, SafetyMonitor
 from rpms_ros.stimulation.driver.states import POSSIBLE, Command, DriverSettings, State, after
 from rpms_ros.stimulation.limits.coil_temperature import CoilTemperature
-from rpms_ros.stimulation.limits.limiter import Interlocked, Limits
+from rpms_ros.stimulation.limits.limiter import Limits
 
 Result = TypeVar('Result')
 
@@ -341,24 +341,22 @@ class DeviceOwner(SafetyMonitor):
             raise
 
     def _open(self) -> None:
+        since = self._epoch
         after(self.state, Command.CONFIGURE)
         began, limit_s = self._clock(), self.settings.open_limit_s
         try:
-            self._call('open', self._epoch, self.device.open, limit_s=limit_s)
+            self._call('open', since, self.device.open, limit_s=limit_s)
             self._answered_ns = self._clock()
             if self._answered_ns - began > nanoseconds(limit_s):
                 # who asked for it does not wait any more
                 late = f'expected an answer within {limit_s:g} s, got a later one'
                 raise DeviceError(f'open: {late}')
-        except DeviceError as error:
+            # a stop that came before stays latched, and is the reason
+            reason = self.interlocks.latched_reason or 'device open, disarmed'
+            self._enter(Command.CONFIGURE, reason, since)
+        except StimulationError as error:
             self._close(str(error))
             raise
-        # a stop that came before or meanwhile stays latched, and is the reason
-        reason = 'device open, disarmed'
-        while not self._enter(
-            Command.CONFIGURE, self.interlocks.latched_reason or reason, self._epoch
-        ):
-            self._apply_halts()
 
     def _arm(self) -> None:
         since = self._epoch
@@ -373,9 +371,7 @@ class DeviceOwner(SafetyMonitor):
         self._use_status(status, since, 0.0)
         self._armed_ns = self._active_ns = self._answered_ns = self._clock()
         self._set_intensity = 0.0
-        if not self._enter(Command.ARM, 'armed', since):
-            self._silence()
-            raise Interlocked('stop', f'arm: expected no stop meanwhile, got one: {self.reason}')
+        self._enter(Command.ARM, 'armed', since)
 
     def _close(self, reason: str) -> None:
         """Close the device; one that does not close is given up."""

@@ -371,8 +371,7 @@ class SafetyMonitor:
 
     def _halt(self, halt: Halt) -> None:
         """Make pulses impossible now; the order of these lines matters."""
-        self._halts.append(halt)
-        self._epoch = object()
+        self._note(halt)
         self._silence()
         self._apply_halts()
         self.wake.set()
@@ -383,7 +382,12 @@ class SafetyMonitor:
             self.device.silence()
         except Exception as error:  # noqa: BLE001 - whatever it is, it may be armed
             reason = f'expected a device that can be silenced, got {error!r}'
-            self._halts.append(Halt(Command.FAIL, reason, 'fault', 'disarm'))
+            self._note(Halt(Command.FAIL, reason, 'fault', 'disarm'))
+
+    def _note(self, halt: Halt) -> None:
+        # whoever applies it, nobody decides by an epoch before it
+        with self._lock:
+            self._halts.append(halt)
             self._epoch = object()
 
     def _apply_halts(self) -> None:
@@ -410,13 +414,22 @@ class SafetyMonitor:
         kept = kept or state is moved is State.FAULT
         self._standing = Standing(moved, reason if kept else halt.reason)
 
-    def _enter(self, command: Command, reason: str, since: object) -> bool:
-        """Make more possible than before, if there was no halt ``since``; return whether."""
+    def _enter(self, command: Command, reason: str, since: object) -> None:
+        """Make more possible than before; silence the device if there was a halt ``since``.
+
+        Raises
+        ------
+        Interlocked
+            If there was one.
+        """
         with self._lock:
-            if since is not self._epoch or self._halts:
-                return False
-            self._standing = Standing(after(self.state, command), reason)
-            return True
+            if since is self._epoch and not self._halts:
+                self._standing = Standing(after(self.state, command), reason)
+                return
+            self._apply_halts()
+        self._silence()
+        why = f'expected no stop meanwhile, got one: {self.reason}'
+        raise Interlocked('stop', f'{command.value}: {why}')
 
     def _refuse_if_open(self) -> None:
         if self.interlocks.latched:

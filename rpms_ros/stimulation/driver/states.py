@@ -239,8 +239,8 @@ class Reservations:
         run = self._run
         with self._lock:
             if run.ended:
-                left, self._open = list(self._open.values()), {}
-                self._ledger.settle(left)
+                left = [self._open.pop(index, None) for index in [*self._open]]
+                self._ledger.settle(number for number in left if number is not None)
                 return
             first, last = self._next, self._next
             # half of it at a time: few large writes instead of many small ones

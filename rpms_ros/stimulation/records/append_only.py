@@ -304,8 +304,10 @@ class ChainedFile:
                 raise OSError('another file of that name')
             if here.st_size != self._size:
                 raise OSError(f'{here.st_size} bytes in place of {self._size}')
-        except OSError as fault:
-            self._broken = str(fault)
+        except BaseException as fault:
+            self._broken = str(fault) or repr(fault)
+            if not isinstance(fault, OSError):
+                raise
             raise StimulationError(f'expected a writable {self.path}, got {fault}') from fault
 
     def _end_the_last(self, chain: Chain, read: Callable[[Record], object]) -> None:
