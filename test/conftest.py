@@ -146,6 +146,7 @@ def patient_supervision(any_lateness, monkeypatch):
         return replace(
             settings_of(settings),
             executor_timeout_s=5.0,
+            open_limit_s=10.0,
             response_limit_s=5.0,
             stuck_limit_s=5.0,
             supervisor_timeout_s=5.0,

@@ -275,11 +275,11 @@ def test_every_hostile_goal_is_answered_with_a_reason(driver_bench, graph):
     for begin in range(0, COUNT, TOGETHER):
         batch = [hostile_schedule(random) for _ in range(min(TOGETHER, COUNT - begin))]
         sent = [lab.client.send_goal_async(RunSchedule.Goal(typed_schedule=one)) for one in batch]
-        graph.wait_for(lambda: all(future.done() for future in sent), timeout=60.0)  # noqa: B023
+        graph.wait_for(lambda: all(future.done() for future in sent), timeout=300.0)  # noqa: B023
         handles = [future.result() for future in sent]
         assert all(handle.accepted for handle in handles)
         results = [handle.get_result_async() for handle in handles]
-        graph.wait_for(lambda: all(each.done() for each in results), timeout=60.0)  # noqa: B023
+        graph.wait_for(lambda: all(each.done() for each in results), timeout=300.0)  # noqa: B023
         for future in results:
             result = future.result().result
             assert result.reason

@@ -55,7 +55,7 @@ def laboratory(graph):
 def test_the_force_is_that_of_the_contraction_bit_for_bit_on_an_exact_grid(laboratory):
     laboratory.wait_for_samples(1)
     # in the future, so that no sample is out before the pulse is known, on a busy machine either
-    onset_ns = laboratory.stamps[-1] + 1_000_000_000
+    onset_ns = laboratory.stamps[-1] + 5_000_000_000
     laboratory.send(Pulse(onset_ns, 0.9))
     laboratory.wait_until(onset_ns + 300_000_000)
     assert laboratory.stamps[0] % 1_000_000 == 0

@@ -3,6 +3,7 @@
 """The launcher end to end: as processes with a recording, with a page, and ended early."""
 
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -67,8 +68,9 @@ def test_the_demo_loses_nothing_and_replays_bit_for_bit(tmp_path):
     assert '  truth      ' in said
     recording = read_recording(folder / 'recording')
     assert len(recording.forces) > 1900
-    # 20 Hz for 2 s; a busy machine may make the driver drop one or the other
-    assert 30 <= len(recording.pulses) <= 40
+    # 20 Hz for 2 s; a busy machine may make the driver drop one or the other, and say so
+    dropped = int(re.findall(r'\(dropped (\d+)\)', said)[-1])
+    assert len(recording.pulses) + dropped == 40
     assert 'estimate' in {facts.name.strip('/') for facts in recording.facts.topics}
     assert processes_of(folder) == []
 

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from rpms_ros.nodes import operator_console
+
 BENCH = Path(__file__).resolve().parents[2] / 'bench'
 SECONDS = 10.0
 
@@ -14,6 +16,8 @@ SECONDS = 10.0
 @pytest.mark.long
 def test_nothing_is_lost_between_nodes_and_recordings(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(BENCH))
+    # the bench sets it for its console
+    monkeypatch.setattr(operator_console, 'KEY_DELAY_S', operator_console.KEY_DELAY_S)
     soak = __import__('soak')
     counts, injected, named, memory = soak.soak(
         tmp_path, SECONDS, rate=200.0, seed=1, restart_every_s=4.0, fault_share=0.6

@@ -360,7 +360,7 @@ def test_trigger_needs_an_intensity_that_the_instrument_has_taken_since_a_silenc
 
 
 def test_intensity_above_the_bound(fake):
-    driver = Driver(fake.port, beat_limit_s=20.0, maximum_percent=40)
+    driver = Driver(fake.port, beat_limit_s=20.0, answer_limit_s=5.0, maximum_percent=40)
     driver.armed()
     assert driver.exchange(b'EH').kind == packets.ANSWER
     driver.send(packets.EXCHANGE, 2, payload=b'\x03' + rapid2.framed(b'@041'))
@@ -393,7 +393,7 @@ def test_a_guard_that_was_stopped_relays_nothing_old_and_obeys_the_silence_first
 
 def test_keep_alives_come_only_while_the_driver_beats(fake, wait_for):
     # longer than a busy machine stands still
-    driver = Driver(fake.port, beat_limit_s=2.0, keep_alive_s=0.05).armed()
+    driver = Driver(fake.port, beat_limit_s=2.0, keep_alive_s=0.05, answer_limit_s=5.0).armed()
     asked = fake.frames.count(b'Q@')
 
     def kept_alive():
@@ -411,7 +411,7 @@ def test_keep_alives_come_only_while_the_driver_beats(fake, wait_for):
 
 
 def test_keep_alive_that_shows_an_error_disarms(fake):
-    driver = Driver(fake.port, beat_limit_s=20.0, keep_alive_s=0.05).armed()
+    driver = Driver(fake.port, beat_limit_s=20.0, keep_alive_s=0.05, answer_limit_s=5.0).armed()
     fake.error = True
     packet = driver.received()
     assert packet.kind == packets.DISARMED
@@ -425,7 +425,7 @@ def test_disarming_is_tried_again_before_an_instrument_is_left_to_its_own_watchd
 ):
     # every frame is a sign of life to it: the guard has to fall silent
     fake = instrument(watchdog_s=2.0, charge_s=0.0)
-    driver = Driver(fake.port, beat_limit_s=20.0).armed()
+    driver = Driver(fake.port, beat_limit_s=20.0, answer_limit_s=5.0).armed()
     fake.obey_disarm = False
     driver.send(packets.SILENCE)
     wait_for(lambda: not fake.armed)
@@ -437,13 +437,21 @@ def test_disarming_is_tried_again_before_an_instrument_is_left_to_its_own_watchd
 
 def test_line_that_never_becomes_quiet(fake, driver):
     driver.send(packets.LISTEN, 3)
-    end = time.monotonic() + 60.0
+    last = time.monotonic()
+    end, longest = last + 60.0, 0.0
     driver.socket.settimeout(0.005)
-    while time.monotonic() < end:
+    while last < end:
         fake.noise(b'\x55' * 8)
+        last, before = time.monotonic(), last
+        longest = max(longest, last - before)
         try:
             packet = driver.received()
         except TimeoutError:
+            continue
+        if packet.kind == packets.LISTEN and longest > 0.02:
+            # the machine stood still, and the line was quiet meanwhile
+            driver.send(packets.LISTEN, 3)
+            longest = 0.0
             continue
         assert packet.kind == packets.REFUSED
         assert b'expected a quiet line, got' in packet.payload
@@ -487,13 +495,12 @@ def test_whatever_a_driver_sends_no_trigger_passes_the_bound_and_it_ends_disarme
 ):
     chance = random.Random(seed)
     # one that ends before its first pulse shows little
-    for _ in range(5):
+    end = time.monotonic() + 60.0
+    while not fake.fired() and time.monotonic() < end:
         attacked_at_random(fake, chance)
         assert not fake.armed
         assert fake.percent == 0
         wait_for(lambda: fake.frames[-1] == b'R@')
-        if fake.fired():
-            break
     assert fake.fired()
     assert all(percent <= 40 for percent in fake.fired())
     assert not {b'@041', b'@100'} & set(fake.frames)
