@@ -53,7 +53,7 @@ class FaultyDevice(SimulatedDevice):
 
     def __init__(self, clock=time.monotonic_ns, wait=time.sleep, wire=None, steps=0):
         super().__init__(clock)
-        self.faults = SimulatedFaults()
+        self.faults, self.fired = SimulatedFaults(), []
         self._wait, self._wire, self._steps = wait, wire or WireTimes(), steps
         self.prepare_s, self.trigger_s = self._wire.prepare_s, self._wire.trigger_s
         self._random = np.random.default_rng(0)

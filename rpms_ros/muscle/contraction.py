@@ -219,8 +219,7 @@ class Contraction:
         self._rates = self._rates_of(settings)
         self._reference_ns: int | None = None
         self._begun_ns = np.empty(0, dtype=np.int64)
-        self._onset_ns = np.empty(0, dtype=np.int64)
-        self._intensity = np.empty(0)
+        self._onset_ns, self._intensity = np.empty(0, dtype=np.int64), np.empty(0)
 
     def begin(self, start_ns: int) -> None:
         """Count the times of scripted changes from `start_ns` [ns]."""

@@ -19,6 +19,7 @@ from rpms_ros.identification.quality.doubts import (
     REASON,
     RESPONSE_MISFIT,
     SLOW_INTENSITIES,
+    IntensitySteps,
     ResponseMisfit,
 )
 from rpms_ros.identification.quality.explained_force import (
@@ -63,13 +64,16 @@ def test_a_sudden_change_that_was_found_is_no_misfit(living_sessions):
     assert RESPONSE_MISFIT not in doubts('recursive', what)
 
 
-def filled(cuts) -> ResponseMisfit:
-    """Return the sums over made-up samples cut into blocks."""
+def filled(cuts, follows=False) -> ResponseMisfit:
+    """Return the sums over made-up samples cut into blocks; the prediction may be right."""
     generator = np.random.default_rng(1)
     stamp = np.arange(25_000, dtype=np.int64) * 1_000_000
     onset = np.arange(500, dtype=np.int64) * 50_000_000
     force, prediction = generator.standard_normal((2, len(stamp)))
     intensity = generator.uniform(size=len(onset))
+    if follows:
+        prediction *= 0.05
+        force += prediction
     misfit = ResponseMisfit()
     for first, last in pairwise([0, *cuts, len(stamp)]):
         known = (onset >= first * 1_000_000) & (onset < last * 1_000_000)
@@ -85,6 +89,27 @@ def test_blocks_change_no_bit():
     # Errors as large as the force itself, but none that follow the pulses' intensities.
     assert whole.sizes[0] < 0.1
     assert filled((3, 9_000, 9_025, 17_333)).sizes == whole.sizes
+
+
+def test_noise_of_a_force_that_hardly_varies_is_no_misfit():
+    assert filled((), follows=True).sizes == (0.0, 0.0)
+    assert filled(()).sizes[1] == pytest.approx(1.0, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ('seconds', 'change', 'doubted'),
+    [(2.0, 25.0, True), (8.9, 25.0, True), (9.1, 25.0, False), (2.0, 5.0, False)],
+)
+def test_a_muscle_that_may_tire_fast_is_in_doubt_in_a_train_after_a_rest(
+    beside, seconds, change, doubted
+):
+    steps, train_ns = IntensitySteps(), 50_000_000 * np.arange(8)
+    for begin_ns in (0, 400_000_000, 10**10, 10**10 + 400_000_000):
+        steps.add_pulses(begin_ns + train_ns, np.full(8, 0.5))
+    ends = {'rate_lower': np.array([-change, 0.0]), 'rate_upper': np.array([2.0, 2.0])}
+    one = beside('made_up_estimates').estimate(0, **ends)
+    one = replace(one, stamp_ns=10**10 + int(seconds * 1e9))
+    assert steps.tires_anew(one) is doubted
 
 
 def slow_sinusoid(noise, seed, latency=0.0) -> tuple[PulseTrain, ForceTrace]:

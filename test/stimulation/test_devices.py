@@ -127,7 +127,6 @@ def test_trigger_after_its_latest_time_is_not_given():
     assert device.fire(0.5, WIDTH, 0) is not None
     with pytest.raises(TooLate, match='expected a trigger until -1 ns, got one at 0'):
         device.fire(0.5, WIDTH, -1)
-    assert len(device.fired) == 1
 
 
 def test_published_frames_have_their_check_bytes_and_answers_status_and_data():

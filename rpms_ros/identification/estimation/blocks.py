@@ -224,8 +224,7 @@ class PulseDelayLine:
         self._by_rate, self._rate_hz = by_rate, rate_hz
         self._history = PulseHistory(history, rate_hz) if history is not None else None
         self._last_ns: int | None = None
-        self.begin_ns = np.empty(0, dtype=np.int64)
-        self.intensity = np.empty(0)
+        self.begin_ns, self.intensity = np.empty(0, dtype=np.int64), np.empty(0)
         self.weight = np.empty(0)
 
     def add(self, onset_ns: IntArray, intensity: FloatArray) -> None:

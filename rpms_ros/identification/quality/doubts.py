@@ -161,8 +161,8 @@ REASON: Mapping[str, str] = {
     'do: the muscle cannot be told from it to within the intervals',
     INTERVALS_VARY: 'the intervals of the pulses vary, and this estimator weighs a pulse by its '
     'interval as Eq. (10) does, which is not every muscle: use batch or tracking',
-    CHANGED_LATELY: 'a change was found less than 5 s of stimulation ago, or less than 20 s '
-    'where the intensity changes slowly: what it left is still being learnt',
+    CHANGED_LATELY: 'a change was found less than 5 s of stimulation ago, or less than 20 s where '
+    'the intensity changes slowly; or the muscle tires there in a train of less than 9 s',
     NOT_ISOMETRIC: 'the force of the pulses grows and falls with the force beside them, as where '
     'the joint moves: a trial that is not isometric has no curve of its own',
     CLOCKS_DIFFER: 'the stamps of force and pulses do not belong together',
@@ -519,8 +519,7 @@ class ResponseMisfit:
 
     def restart(self) -> None:
         """Forget everything: the clock has jumped."""
-        self._onset_ns = np.empty(0, dtype=np.int64)
-        self._intensity = np.empty(0)
+        self._onset_ns, self._intensity = np.empty(0, dtype=np.int64), np.empty(0)
         self._cell: int | None = None
         self._cells = 0
         self._by_lag = np.zeros((_SECONDS, _AFTER, _SUMS))
@@ -574,11 +573,13 @@ class ResponseMisfit:
     def sizes(self) -> tuple[float, float]:
         """Error of the response's shape and of its size, as shares of the force; 0 if unknown."""
         counted = np.argsort(self._over_all[:, -1], kind='stable')[: _SECONDS - _LEFT_OUT]
-        samples, prediction, squares, error, product, power, _ = self._over_all[counted].sum(0)
+        samples, prediction, squares, error, product, power, noise = self._over_all[counted].sum(0)
         if self._cells < _SETTLING_S + _SECONDS or not power > 0.0:
             return 0.0, 0.0
         spread = squares - prediction**2 / samples
         gain = (product - error * prediction / samples) / spread if spread > 0.0 else 0.0
+        chance = _CHANCE * noise / samples / spread if spread > 0.0 else 0.0
+        gain = float(np.sqrt(max(gain**2 - chance, 0.0)))
         by_lag = self._by_lag[counted].sum(0)
         some = by_lag[by_lag[:, 0] > 0.0]
         count, intensity, its_square, error_there, both, its_noise = some.T
@@ -586,10 +587,10 @@ class ResponseMisfit:
         enough = varied > count * _LEAST_SPREAD**2
         slope = (both - error_there * intensity / count)[enough] / varied[enough]
         if not enough.any():
-            return 0.0, abs(float(gain))
+            return 0.0, gain
         by_chance = (its_noise / count)[enough] / varied[enough]
         mean_square = float(np.average(slope**2 - _CHANCE * by_chance, weights=count[enough]))
-        return float(np.sqrt(max(mean_square, 0.0) * samples / power)), abs(float(gain))
+        return float(np.sqrt(max(mean_square, 0.0) * samples / power)), gain
 
     @property
     def doubted(self) -> bool:
@@ -611,13 +612,17 @@ _SLOW_STEPS = 0.04
 # The response to a pulse is nearly over [ns].
 _OVER_NS = 400_000_000
 _LEVELS = 101
+# A train after a rest is young for one period of the slow sinusoids in use [ns].  A muscle whose
+# force or time constant may change by so much [%/min] tires in it as pulses recruit, which looks
+# like one of another response, or an effort.
+_REST_NS, _YOUNG_NS, _FAST = 1_000_000_000, 9_000_000_000, 10.0
 
 
 class IntensitySteps:
     """Counts how often one intensity follows another; after a rest, how often it follows none."""
 
     def __init__(self) -> None:
-        self._count = np.zeros((_LEVELS, _LEVELS))
+        self._count, self._begun_ns = np.zeros((_LEVELS, _LEVELS)), -_YOUNG_NS
         self._onset_ns = self._level = np.empty(0, dtype=np.int64)
 
     def add_pulses(self, onset_ns: IntArray, intensity: FloatArray) -> None:
@@ -626,7 +631,14 @@ class IntensitySteps:
         level = np.append(self._level, np.rint((_LEVELS - 1) * intensity).astype(np.int64))
         near = np.abs(np.diff(onset_ns)) < _OVER_NS
         np.add.at(self._count, (near * level[:-1], level[1:]), 1.0)
+        begun_ns = onset_ns[1:][np.diff(onset_ns) > _REST_NS]
+        self._begun_ns = int(begun_ns.max(initial=self._begun_ns))
         self._onset_ns, self._level = onset_ns[-1:], level[-1:]
+
+    def tires_anew(self, estimate: Estimate) -> bool:
+        """Return whether a train after a rest is young, in which the muscle may change fast."""
+        ends = np.abs([estimate.rate_lower[:2], estimate.rate_upper[:2]]).max(initial=0.0)
+        return 0 < estimate.stamp_ns - self._begun_ns < _YOUNG_NS and bool(ends > _FAST)
 
     def reasons(self, estimate: Estimate) -> tuple[str, ...]:
         """Return a reason if what pulses recruit hardly changes from one to the next."""

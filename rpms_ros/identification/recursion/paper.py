@@ -58,12 +58,10 @@ class ModifiedRecursiveLM:
         self, settings: PaperSettings = TABLE_4, seed: int = 0, rate_hz: float = DEFAULT_RATE
     ) -> None:
         check_number(IdentificationError, 'repetition rate', rate_hz, 0, above=True, unit='Hz')
-        self.settings = settings
-        self.rate_hz = rate_hz
+        self.settings, self.rate_hz = settings, rate_hz
         self._constants = _constants(settings)
         self._state = _start(settings, seed)
-        self._onset_ns = np.empty(0, dtype=np.int64)
-        self._intensity = np.empty(0)
+        self._onset_ns, self._intensity = np.empty(0, dtype=np.int64), np.empty(0)
         self._plausibility = PlausibilityCheck()
         self._response_time = np.arange(0.0, settings.basis.duration, RESPONSE_STEP)
         self._response_basis = settings.basis.evaluate(self._response_time)
@@ -81,8 +79,7 @@ class ModifiedRecursiveLM:
 
     def forget_pulses(self) -> None:
         """Drop the pulses that still act: the clock has jumped, their lag is unknown."""
-        self._onset_ns = np.empty(0, dtype=np.int64)
-        self._intensity = np.empty(0)
+        self._onset_ns, self._intensity = np.empty(0, dtype=np.int64), np.empty(0)
         self._state.scalars[['error_energy', 'force_energy']] = 0.0
 
     def update(self, stamp_ns: IntArray, force: FloatArray, usable: BoolArray) -> FloatArray:

@@ -344,8 +344,7 @@ class FixedSizeRecursion:
         self, settings: ProjectionSettings = PEOPLE, rate_hz: float = DEFAULT_RATE
     ) -> None:
         check_number(IdentificationError, 'repetition rate', rate_hz, 0, above=True, unit='Hz')
-        self.settings = settings
-        self.rate_hz = rate_hz
+        self.settings, self.rate_hz = settings, rate_hz
         basis = settings.basis
         self._input_gain = basis.input_gain
         self._rate = 2.0 / basis.time_constant

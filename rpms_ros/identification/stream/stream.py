@@ -446,7 +446,8 @@ class IdentificationStream:
             doubts = (*doubts, RESPONSE_MISFIT)
         found, slow = self._alignment.found, self._steps.reasons(estimate)
         # seen once on a slow course, a muscle that goes on changing leaves no trace yet
-        if slow and 'unknown' in estimate.change_kinds and estimate.change_ago[-1] < _SLOWLY_S:
+        seen = 'unknown' in estimate.change_kinds and estimate.change_ago[-1] < _SLOWLY_S
+        if slow and (seen or self._steps.tires_anew(estimate)):
             doubts = tuple(dict.fromkeys((*doubts, CHANGED_LATELY)))
         reasons = (*estimate.reasons, *found.values(), *slow)
         return replace(estimate, doubts=(*found, *doubts), reasons=reasons)

@@ -4,7 +4,6 @@
 
 import math
 import time
-from collections import deque
 from collections.abc import Callable
 
 from rpms_ros.stimulation.devices.registry import (
@@ -38,8 +37,6 @@ class SimulatedDevice:
     def __init__(self, clock: Callable[[], int] = time.monotonic_ns) -> None:
         self.opened = self.armed = False
         self.intensity = 0.0
-        # the last ones only: a session has no end
-        self.fired: deque[Delivery] = deque(maxlen=10_000)
         self._clock = clock
         self._last_sign_ns = 0
 
@@ -80,8 +77,7 @@ class SimulatedDevice:
         if not self.read_back().armed:
             return None
         self._last_sign_ns = now_ns
-        self.fired.append(Delivery(now_ns, self.intensity))
-        return self.fired[-1]
+        return Delivery(now_ns, self.intensity)
 
     def read_back(self) -> DeviceStatus:
         """Say what is set."""

@@ -428,8 +428,8 @@ class SafetyMonitor:
                 return
             self._apply_halts()
         self._silence()
-        why = f'expected no stop meanwhile, got one: {self.reason}'
-        raise Interlocked('stop', f'{command.value}: {why}')
+        wrong = f'{command.value}: expected no stop meanwhile, got one: {self.reason}'
+        raise Interlocked('stop', wrong)
 
     def _refuse_if_open(self) -> None:
         if self.interlocks.latched:

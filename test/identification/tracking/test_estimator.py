@@ -10,12 +10,13 @@ import pytest
 from scipy.signal import butter, lfilter
 
 import rpms_ros
-from rpms_ros.identification import identify
+from rpms_ros.identification import StreamSettings, identify
 from rpms_ros.identification.estimation import window_fit
 from rpms_ros.identification.estimation.tracking import TrackingEstimator, TrackingSettings
 from rpms_ros.identification.model.estimate import CONVERGED
 from rpms_ros.identification.quality.doubts import (
     BAND_WIDER_THAN_CURVE,
+    CHANGED_LATELY,
     DISTURBANCE_FOLLOWS,
     DISTURBANCE_LIVELY,
     NOT_ISOMETRIC,
@@ -630,6 +631,17 @@ def test_a_muscle_of_an_earlier_session_is_put_on_more_functions(league):
     last, _ = fed(estimator, time, force, onset, intensity)
     assert len([name for name in last.linear_names if name.startswith('basis')]) == 10
     assert np.abs(last.curve_force - truth).max() < 0.003 * truth.max()
+
+
+def test_a_muscle_that_tires_anew_under_a_sinusoid_is_in_doubt(league):
+    kinds, excitation, one, generator = league.drawn(49, league.MUSCLES)
+    (grid, force, onset, intensity), _ = league.simulated(kinds, excitation, one, generator)
+    assert (kinds, excitation) == (['gauss', 'rests'], 'sinusoid')
+    onset_ns = np.rint(1e9 * onset).astype(int)
+    pulses = replace(PulseTrain.regular(intensity, one['rate']), onset_ns=onset_ns)
+    forces = ForceTrace(np.rint(1e9 * grid).astype(int), force)
+    last = identify(TrackingEstimator(), pulses, forces, StreamSettings(estimate_period=1.0)).last
+    assert CHANGED_LATELY in last.doubts
 
 
 def test_pulses_below_the_threshold_after_a_rest_take_nothing_away(league):
