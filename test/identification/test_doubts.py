@@ -64,16 +64,17 @@ def test_a_sudden_change_that_was_found_is_no_misfit(living_sessions):
     assert RESPONSE_MISFIT not in doubts('recursive', what)
 
 
-def filled(cuts, follows=False) -> ResponseMisfit:
+def filled(cuts, right=False, offset=0.0) -> ResponseMisfit:
     """Return the sums over made-up samples cut into blocks; the prediction may be right."""
     generator = np.random.default_rng(1)
     stamp = np.arange(25_000, dtype=np.int64) * 1_000_000
     onset = np.arange(500, dtype=np.int64) * 50_000_000
     force, prediction = generator.standard_normal((2, len(stamp)))
     intensity = generator.uniform(size=len(onset))
-    if follows:
+    if right:
         prediction *= 0.05
         force += prediction
+    force += offset
     misfit = ResponseMisfit()
     for first, last in pairwise([0, *cuts, len(stamp)]):
         known = (onset >= first * 1_000_000) & (onset < last * 1_000_000)
@@ -92,8 +93,10 @@ def test_blocks_change_no_bit():
 
 
 def test_noise_of_a_force_that_hardly_varies_is_no_misfit():
-    assert filled((), follows=True).sizes == (0.0, 0.0)
+    assert filled((), right=True).sizes == (0.0, 0.0)
     assert filled(()).sizes[1] == pytest.approx(1.0, abs=0.05)
+    # a baseline that is not known yet is no noise
+    assert filled((), offset=100.0).sizes[1] == pytest.approx(1.0, abs=0.05)
 
 
 @pytest.mark.parametrize(
@@ -110,6 +113,10 @@ def test_a_muscle_that_may_tire_fast_is_in_doubt_in_a_train_after_a_rest(
     one = beside('made_up_estimates').estimate(0, **ends)
     one = replace(one, stamp_ns=10**10 + int(seconds * 1e9))
     assert steps.tires_anew(one) is doubted
+    # a clock that was set back
+    for begin_ns in (2 * 10**9, 5 * 10**9):
+        steps.add_pulses(begin_ns + train_ns, np.full(8, 0.5))
+    assert steps.tires_anew(replace(one, stamp_ns=one.stamp_ns - 5 * 10**9)) is doubted
 
 
 def slow_sinusoid(noise, seed, latency=0.0) -> tuple[PulseTrain, ForceTrace]:

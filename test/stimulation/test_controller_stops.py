@@ -35,7 +35,11 @@ def test_a_stop_from_before_the_device_is_opened_is_still_the_reason(virtual):
 
 
 def _lines_of_a_stop(controller):
-    controller._note(Halt(Command.STOP, 'a test', 'stopped', 'test'))
+    return _lines_of_a_halt(controller, Halt(Command.STOP, 'a test', 'stopped', 'test'))
+
+
+def _lines_of_a_halt(controller, halt):
+    controller._note(halt)
     yield
     controller._silence()
     yield
@@ -106,6 +110,25 @@ def test_a_stop_that_another_thread_applies_while_it_is_noted_is_heard_by_the_ow
     presses.join()
     driver.advance(1.0)
     assert controller.status() == (State.DISARMED, True, 'a test')
+    assert controller.fault_counts() == {'test': 1}
+
+
+@pytest.mark.parametrize('command', [Command.STOP, Command.FAIL])
+@pytest.mark.parametrize('lines', [1, 2])
+def test_a_halt_that_was_noted_before_an_order_is_heard_by_it(virtual, command, lines):
+    driver = virtual()
+    controller, arms = driver.controller, driver.device.arm
+    controller.configure()
+    halt = _lines_of_a_halt(controller, Halt(command, 'a test', 'stopped', 'test'))
+    for _ in range(lines):
+        next(halt)
+    # another thread goes on meanwhile
+    driver.device.instead['arm'] = lambda: (arms(), list(halt), controller.supervise())[0]
+    with pytest.raises(StimulationError):
+        controller.arm()
+    list(halt)
+    assert not driver.device.armed
+    assert controller.reason == 'a test'
     assert controller.fault_counts() == {'test': 1}
 
 

@@ -198,8 +198,7 @@ class PulseHistory:
 
     def forget(self) -> None:
         """Forget all pulses: the next one counts as the first."""
-        self._onset_ns = np.empty(0, dtype=np.int64)
-        self._gain, self._weight = np.empty(0), np.empty(0)
+        self._onset_ns, self._gain, self._weight = np.empty(0, np.int64), np.empty(0), np.empty(0)
         self._left = 0.0
 
     def weights(self, onset_ns: IntArray, intensity: FloatArray) -> FloatArray:

@@ -578,7 +578,7 @@ class ResponseMisfit:
             return 0.0, 0.0
         spread = squares - prediction**2 / samples
         gain = (product - error * prediction / samples) / spread if spread > 0.0 else 0.0
-        chance = _CHANCE * noise / samples / spread if spread > 0.0 else 0.0
+        chance = _CHANCE * (noise - error**2 / samples) / samples / spread if spread > 0.0 else 0.0
         gain = float(np.sqrt(max(gain**2 - chance, 0.0)))
         by_lag = self._by_lag[counted].sum(0)
         some = by_lag[by_lag[:, 0] > 0.0]
@@ -632,7 +632,7 @@ class IntensitySteps:
         near = np.abs(np.diff(onset_ns)) < _OVER_NS
         np.add.at(self._count, (near * level[:-1], level[1:]), 1.0)
         begun_ns = onset_ns[1:][np.diff(onset_ns) > _REST_NS]
-        self._begun_ns = int(begun_ns.max(initial=self._begun_ns))
+        self._begun_ns = int(np.append(self._begun_ns, begun_ns)[-1])
         self._onset_ns, self._level = onset_ns[-1:], level[-1:]
 
     def tires_anew(self, estimate: Estimate) -> bool:

@@ -240,7 +240,7 @@ class StimulationController(DeviceOwner):
 
     def _begin(self, run: Run, reservations: Reservations) -> None:
         """Begin a run that was checked; done by the owner."""
-        since = self._epoch
+        since = self._settle()
         self._refuse_if_open()
         after(self.state, Command.START)
         if quiet := too_quiet(self.limits, run.due_ns - self._active_ns):
@@ -291,11 +291,11 @@ class StimulationController(DeviceOwner):
         due_ns = None
         with self._deadlines.of(f'{BUSY}a turn of the driver', self.settings.stuck_limit_s):
             try:
-                self._settle()
+                self._since = self._settle()
                 self.orders.serve()
-                self._settle()
+                self._since = self._settle()
                 due_ns = self._advance()
-                self._settle()
+                self._since = self._settle()
                 self._keep_alive(due_ns)
                 if self.state in (State.DISARMED, *POSSIBLE):
                     self._call('beat', self._since, self.device.beat)

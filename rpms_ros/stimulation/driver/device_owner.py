@@ -267,7 +267,7 @@ class DeviceOwner(SafetyMonitor):
         # what the device was told and what it said
         self._set_intensity: float | None = None
         self._charging = False
-        self._settle()
+        self._since = self._settle()
 
     def configure(self) -> None:
         """Open the device.
@@ -341,7 +341,7 @@ class DeviceOwner(SafetyMonitor):
             raise
 
     def _open(self) -> None:
-        since = self._epoch
+        since = self._settle()
         after(self.state, Command.CONFIGURE)
         began, limit_s = self._clock(), self.settings.open_limit_s
         try:
@@ -359,7 +359,7 @@ class DeviceOwner(SafetyMonitor):
             raise
 
     def _arm(self) -> None:
-        since = self._epoch
+        since = self._settle()
         after(self.state, Command.ARM)
         self.interlocks.awake()
         self._refuse_if_open()
@@ -428,10 +428,11 @@ class DeviceOwner(SafetyMonitor):
                     self._silence()
                     self._apply_halts()
 
-    def _settle(self) -> None:
-        """Take the epoch before the state: what is decided by that state is decided in it."""
-        self._since = self._epoch
+    def _settle(self) -> object:
+        """Return the epoch from before the state: what is decided by that is decided in it."""
+        since = self._epoch
         self._apply_halts()
+        return since
 
     def _keep_alive(self, due_ns: int) -> None:
         """Keep the device alive if nothing else has, at a moment when no pulse is due."""

@@ -270,13 +270,12 @@ class ChainedFile:
                 fault = f'expected a record of less than {LONGEST_LINE} bytes, got {len(line)}'
                 raise StimulationError(fault)
             # in one write: a line that was cut off and ended, but not explained, is damage
-            self._write(self._cut_end + line, sync)
-            self._hash, self._count, self._cut_end = digest, self._count + 1, b''
+            self._write(self._cut_end + line, sync, (digest, self._count + 1, b''))
 
     def look(self) -> None:
         """Raise what `append` would raise now: of a file that was removed, or a full disk."""
         with self._lock:
-            self._write(b'', sync=False)
+            self._write(b'', False, (self._hash, self._count, self._cut_end))
 
     def close(self) -> None:
         """Close the file; may be called again."""
@@ -286,7 +285,7 @@ class ChainedFile:
                 os.close(self._file)
                 self._file = -1
 
-    def _write(self, data: bytes, sync: bool) -> None:
+    def _write(self, data: bytes, sync: bool, after: tuple[str, int, bytes]) -> None:
         if self._broken is not None:
             raise StimulationError(f'expected a writable {self.path}, got {self._broken}')
         # what was written in part, or not synced, may or may not be there: no second try
@@ -304,6 +303,7 @@ class ChainedFile:
                 raise OSError('another file of that name')
             if here.st_size != self._size:
                 raise OSError(f'{here.st_size} bytes in place of {self._size}')
+            self._hash, self._count, self._cut_end = after
         except BaseException as fault:
             self._broken = str(fault) or repr(fault)
             if not isinstance(fault, OSError):
