@@ -245,6 +245,8 @@ def test_a_second_signal_while_messages_are_written_loses_none(graph, tmp_path, 
     source.send(100)
     with pytest.raises(KeyboardInterrupt):
         graph.wait_for(lambda: recorder.counts['force'] == 100)
+    # the others may still be under way
+    graph.wait_for(lambda: recorder.counts['force'] == 100 and recorder.counts['pulses'] == 2)
     recorder.close()
     check(tmp_path / 'session', 100)
 
