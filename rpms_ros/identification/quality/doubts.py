@@ -629,10 +629,10 @@ class IntensitySteps:
         """Add pulses (pulses,), ascending [ns, 1]."""
         onset_ns = np.append(self._onset_ns, onset_ns)
         level = np.append(self._level, np.rint((_LEVELS - 1) * intensity).astype(np.int64))
-        near = np.abs(np.diff(onset_ns)) < _OVER_NS
+        gap_ns = np.diff(onset_ns)
+        near = np.abs(gap_ns) < _OVER_NS
         np.add.at(self._count, (near * level[:-1], level[1:]), 1.0)
-        begun_ns = onset_ns[1:][np.diff(onset_ns) > _REST_NS]
-        self._begun_ns = int(np.append(self._begun_ns, begun_ns)[-1])
+        self._begun_ns = int(np.append(self._begun_ns, onset_ns[1:][gap_ns > _REST_NS])[-1])
         self._onset_ns, self._level = onset_ns[-1:], level[-1:]
 
     def tires_anew(self, estimate: Estimate) -> bool:

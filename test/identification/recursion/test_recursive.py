@@ -3,7 +3,6 @@
 """The recursion for people: convergence, intervals, changes, and laws that hold always."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -264,13 +263,10 @@ def test_a_change_is_lately_for_longer_on_a_slow_course(living_sessions, excitat
 @pytest.mark.long
 def test_a_coil_that_slips_under_a_staircase_is_in_doubt_after_a_change(league):
     kinds, excitation, one, generator = league.drawn(51, league.MUSCLES)
-    (grid, force, onset, intensity), _ = league.simulated(kinds, excitation, one, generator)
+    arrays, _ = league.simulated(kinds, excitation, one, generator)
     assert (kinds, excitation) == (['arctan', 'slip'], 'staircase')
-    onset_ns = np.rint(1e9 * onset).astype(int)
-    pulses = replace(PulseTrain.regular(intensity, one['rate']), onset_ns=onset_ns)
-    stamps = np.rint(1e9 * grid).astype(int)
-    last = identify(FixedSizeRecursion(), pulses, ForceTrace(stamps, force)).last
-    assert CHANGED_LATELY in last.doubts
+    found = rpms_ros.from_arrays(*arrays).identify('recursive', most_estimates=1)
+    assert CHANGED_LATELY in found.estimates.last.doubts
 
 
 def test_blocks_change_no_bit_where_the_muscle_changes(living_sessions, images):

@@ -10,7 +10,7 @@ import pytest
 from scipy.signal import butter, lfilter
 
 import rpms_ros
-from rpms_ros.identification import StreamSettings, identify
+from rpms_ros.identification import identify
 from rpms_ros.identification.estimation import window_fit
 from rpms_ros.identification.estimation.tracking import TrackingEstimator, TrackingSettings
 from rpms_ros.identification.model.estimate import CONVERGED
@@ -635,13 +635,10 @@ def test_a_muscle_of_an_earlier_session_is_put_on_more_functions(league):
 
 def test_a_muscle_that_tires_anew_under_a_sinusoid_is_in_doubt(league):
     kinds, excitation, one, generator = league.drawn(49, league.MUSCLES)
-    (grid, force, onset, intensity), _ = league.simulated(kinds, excitation, one, generator)
+    arrays, _ = league.simulated(kinds, excitation, one, generator)
     assert (kinds, excitation) == (['gauss', 'rests'], 'sinusoid')
-    onset_ns = np.rint(1e9 * onset).astype(int)
-    pulses = replace(PulseTrain.regular(intensity, one['rate']), onset_ns=onset_ns)
-    forces = ForceTrace(np.rint(1e9 * grid).astype(int), force)
-    last = identify(TrackingEstimator(), pulses, forces, StreamSettings(estimate_period=1.0)).last
-    assert CHANGED_LATELY in last.doubts
+    found = rpms_ros.from_arrays(*arrays).identify('tracking', most_estimates=1)
+    assert CHANGED_LATELY in found.estimates.last.doubts
 
 
 def test_pulses_below_the_threshold_after_a_rest_take_nothing_away(league):
