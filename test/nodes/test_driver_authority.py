@@ -340,4 +340,5 @@ def test_an_operator_who_is_released_while_the_enable_is_let_go_stops_nothing(dr
     bench.ada.beat()
     graph.wait_for(lambda: not controller.device.armed)
     bench.wait_for_state(DriverStatus.DISARMED)
-    assert controller.fault_counts() == {}
+    # a heartbeat that was on its way counts as refused: its token is no longer accepted
+    assert set(controller.fault_counts()) <= {'heartbeat_refused'}
