@@ -123,17 +123,19 @@ def follows_intensity(problem: Problem, fit: WindowFit, full: float) -> float:
     An effort that does so, as under a slow sinusoid, cannot be told from recruitment: as much may
     be in the curve.  0 where it does not, or by too little.
     """
-    blocks, levels = problem.blocks, fit.levels
+    blocks, levels, count = problem.blocks, fit.levels, len(fit.levels)
     order = ring_order(blocks)[problem.first :]
-    count = len(levels)
     if count < _LEAST_COMPARED:
         return 0.0
-    place = np.clip(blocks.start_ns[order] // INTERVAL_NS - fit.first, 0, count - 1)
+    place = blocks.start_ns[order] / INTERVAL_NS - fit.first
     smooth, columns = np.full(_SMOOTHED, 1.0 / _SMOOTHED), [np.ones(count), np.arange(count)]
     earlier = np.zeros(_SMOOTHED * _LAGS)
-    given = blocks.intensity[order]
-    for drive in (given, recruitment_curve(given, fit.point.theta[: SUMMATION.start])[0]):
-        course = np.convolve(np.concatenate((earlier, np.bincount(place, drive, count))), smooth)
+    given, theta = blocks.intensity[order], fit.point.theta[: SUMMATION.start]
+    # a curve that is too high by what follows each pulse, however strong, shows in their number
+    for drive in (np.sign(given), given, recruitment_curve(given, theta)[0]):
+        # each lasts until the next one: counted whole, pulses would beat with the intervals
+        before = np.interp(range(count), place, np.cumsum(drive) - drive)
+        course = np.convolve(np.concatenate((earlier, np.diff(before, prepend=0.0))), smooth)
         columns += [
             course[len(earlier) - lag :][:count] for lag in range(0, len(earlier), _SMOOTHED)
         ]

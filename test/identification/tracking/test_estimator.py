@@ -464,6 +464,17 @@ def test_an_effort_that_follows_the_intensity_is_doubted(league, excitation):
     assert found.verdict.grade == 'doubtful'
 
 
+def test_an_effort_that_is_in_the_curve_is_doubted_by_the_number_of_pulses(league):
+    """6 % off within 0.7, and good: intensities explained a quarter of the disturbance."""
+    kinds, excitation, one, generator = league.drawn(571, league.MUSCLES)
+    arrays, truth = league.simulated(kinds, excitation, one, generator)
+    assert (kinds, excitation) == (['weibull', 'effort'], 'random')
+    found = rpms_ros.from_arrays(*arrays).identify('tracking', rate_hz=10.0, most_estimates=1)
+    last = found.estimates.last
+    assert ((last.curve_lower <= truth) & (truth <= last.curve_upper)).mean() > 0.9
+    assert last.doubts == (DISTURBANCE_FOLLOWS,)
+
+
 def test_a_little_that_runs_with_the_intensity_is_doubted(league):
     """Such as a strap with backlash: half a per cent moved the response by 40 %."""
     (time, force, *pulses), _ = league.session('arctan', 'sinusoid', 0, 40.0)
