@@ -15,6 +15,7 @@ import math
 from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -128,20 +129,17 @@ def follows_intensity(problem: Problem, fit: WindowFit, full: float) -> float:
     if count < _LEAST_COMPARED:
         return 0.0
     place = blocks.start_ns[order] / INTERVAL_NS - fit.first
-    smooth, columns = np.full(_SMOOTHED, 1.0 / _SMOOTHED), [np.ones(count), np.arange(count)]
-    earlier = np.zeros(_SMOOTHED * _LAGS)
+    at = np.arange(count)
+    columns, lags = [np.ones(count), at], range(0, _SMOOTHED * (_LAGS + 1), _SMOOTHED)
     given, theta = blocks.intensity[order], fit.point.theta[: SUMMATION.start]
     # a curve that is too high by what follows each pulse, however strong, shows in their number
     for drive in (np.sign(given), given, recruitment_curve(given, theta)[0]):
         # each lasts until the next one: counted whole, pulses would beat with the intervals
-        before = np.interp(range(count), place, np.cumsum(drive) - drive)
-        course = np.convolve(np.concatenate((earlier, np.diff(before, prepend=0.0))), smooth)
-        columns += [
-            course[len(earlier) - lag :][:count] for lag in range(0, len(earlier), _SMOOTHED)
-        ]
+        before = [np.interp(at - lag, place, np.cumsum(drive) - drive) for lag in lags]
+        columns += [late - early for late, early in pairwise(before)]
     matrix = np.column_stack(columns)
     part = matrix @ np.linalg.lstsq(matrix, levels, rcond=None)[0]
-    straight = np.polynomial.Polynomial.fit(columns[1], levels, 1)(columns[1])
+    straight = np.polynomial.Polynomial.fit(at, levels, 1)(at)
     explained = 1.0 - np.var(levels - part) / max(float(np.var(levels - straight)), 1e-300)
     share = float(np.ptp(part - straight)) / max(full, 1e-100)
     least = _EXPLAINED if share > _FOLLOWED else _NEARLY_ALL
