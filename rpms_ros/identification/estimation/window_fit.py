@@ -477,10 +477,14 @@ class _Solution(NamedTuple):
         return self._replace(left=left, evidence=self.evidence - 0.5 * (left - self.left))
 
     def damped(self, damping: float) -> FloatArray:
-        """Return the Levenberg-Marquardt step with theta, now and before, damped."""
+        """Return the Levenberg-Marquardt step with the recruitment, now and before, damped.
+
+        Not the weights of pulses, kappa: arctangents and deviation can stand in for each other,
+        and where damping holds them in their valley it would hold kappa where it began.
+        """
         hessian = self.hessian.copy()
         last = len(hessian)
-        place = np.r_[: self.nonlinear, last - self.moving : last]
+        place = np.r_[: self.nonlinear + SUMMATION.start, last - self.moving : last]
         hessian[place, place] *= 1.0 + damping
         return _solved(hessian, self.right)[0]
 
@@ -562,14 +566,6 @@ def _solved(hessian: FloatArray, right: FloatArray) -> tuple[FloatArray, float, 
     return scale * step, gained, determinant
 
 
-def _grids(window: Window, knowledge: WindowPrior) -> list[tuple[str, FloatArray]]:
-    """Return names and grids of the scales that samples may choose, but for the disturbance's."""
-    changes = [('gain', CHANGES), ('slowing', CHANGES), ('thresholds', DRIFTS)]
-    shape = [('size', SIZES), ('length', LENGTHS)]
-    free = knowledge.any_shape and not knowledge.has_result
-    return (changes if window.changes else []) + (shape if free else [])
-
-
 def _best_disturbance(
     at: Linearised, variance: float, scales: Scales
 ) -> tuple[Scales, _Solution | None, list[_Solution]]:
@@ -610,7 +606,11 @@ def _best_scales(at: Linearised, fit: WindowFit) -> tuple[Scales, _Solution, lis
     best, solution, tried = _best_disturbance(at, fit.weighting_variance, fit.scales)
     if solution is None:
         raise np.linalg.LinAlgError
-    for name, grid in _grids(at.window, at.knowledge):
+    grids = [('gain', CHANGES), ('slowing', CHANGES), ('thresholds', DRIFTS)]
+    grids = grids if at.window.changes else []
+    if at.knowledge.any_shape and not at.knowledge.has_result:
+        grids += [('size', SIZES), ('length', LENGTHS)]
+    for name, grid in grids:
         for move in (-1, 1):
             place = getattr(best, name) + move
             # what begins suddenly is no drift
@@ -623,18 +623,6 @@ def _best_scales(at: Linearised, fit: WindowFit) -> tuple[Scales, _Solution, lis
             if other is not None and other.evidence > solution.evidence:
                 best, solution = trial, other
     return best, solution, tried
-
-
-def _likely(solution: _Solution, tried: list[_Solution]) -> list[tuple[float, _Solution]]:
-    """Return the likely ones of the solutions at some scales, with their shares.
-
-    The evidence of neighbouring scales often differs little: with the best one alone the estimate
-    would jump from one to the next, and intervals would be too narrow.
-    """
-    # the best one in any case: where its evidence is huge, the difference is lost in rounding
-    likely = [one for one in tried if one.evidence >= solution.evidence - _LIKELY]
-    weight = np.exp([one.evidence - solution.evidence for one in likely])
-    return list(zip(weight / weight.sum(), likely, strict=True))
 
 
 def _mixed_covariance(likely: list[tuple[float, _Solution]], mean: FloatArray) -> FloatArray:
@@ -722,7 +710,12 @@ def _move(
     step of the linearised equations leads far beyond the least cost.  The equations at the new
     theta are returned if they hold for the new response too: the next step begins with them.
     """
-    likely = _likely(solution, tried)
+    # The evidence of neighbouring scales often differs little: with the best one alone the
+    # estimate would jump from one to the next, and intervals would be too narrow.  It is among
+    # them in any case: where its evidence is huge, the difference is lost in rounding.
+    close = [one for one in tried if one.evidence >= solution.evidence - _LIKELY]
+    weight = np.exp([one.evidence - solution.evidence for one in close])
+    likely = list(zip(weight / weight.sum(), close, strict=True))
     step = mean = sum((share * one.step for share, one in likely), np.zeros_like(solution.step))
     certain = solution.here - solution.left < _CERTAIN
     if not certain and fit.damping > _LEAST_DAMPING:

@@ -603,6 +603,16 @@ def test_noise_that_moves_all_the_time_need_not_wander(league):
     assert ((last.curve_lower <= truth) & (truth <= last.curve_upper)).all()
 
 
+def test_arctangents_that_cannot_move_hold_no_weight_of_a_pulse(league):
+    """Doublets: no step was taken, and the curve stayed 3.7 % too low with the first weight."""
+    kinds, excitation, one, generator = league.drawn(412, league.MUSCLES)
+    one['seconds'] = 20.0
+    arrays, truth = league.simulated(kinds, excitation, one, generator)
+    last = rpms_ros.from_arrays(*arrays).identify('tracking', rate_hz=one['rate']).estimates.last
+    assert np.abs(last.curve_force - truth).max() < 0.02 * truth.max()
+    assert ((last.curve_lower <= truth) & (truth <= last.curve_upper)).mean() > 0.9
+
+
 @pytest.mark.long
 def test_heart_and_breath_are_doubted(league):
     """A heart of 2 % and a breath of 3 %: 1 to 3 % wrong beside a band of 1 %."""
