@@ -16,6 +16,7 @@ from rpms_ros.identification.estimation.estimate_builder import (
 )
 from rpms_ros.identification.model.basis import LaguerreBasis
 from rpms_ros.identification.quality.doubts import (
+    FORCE_REPEATS,
     REASON,
     RESPONSE_MISFIT,
     SLOW_INTENSITIES,
@@ -28,6 +29,8 @@ from rpms_ros.identification.quality.explained_force import (
 )
 from rpms_ros.muscle import Contraction, simulation_subject, twitch
 from rpms_ros.pulses import ForceTrace, PulseTrain
+
+OTHERS = ('batch', 'tracking')
 
 
 def doubts(name, what) -> tuple[str, ...]:
@@ -57,6 +60,17 @@ def test_a_twitch_too_fast_for_the_functions_is_said(living_sessions, excitation
 def test_functions_that_begin_a_little_late_are_not_doubted(living_sessions, name):
     soon = replace(living_sessions.SUBJECT, latency=0.0)
     assert doubts(name, living_sessions.session('steady', 'random', 3, 25.0, soon)) == ()
+
+
+@pytest.mark.parametrize(('hertz', 'doubted'), [(60.0, (FORCE_REPEATS,)), (57.0, ())])
+@pytest.mark.parametrize(
+    'name', ['recursive', *(pytest.param(one, marks=pytest.mark.long) for one in OTHERS)]
+)
+def test_hum_in_step_with_the_pulses_is_doubted(living_sessions, name, hertz, doubted):
+    """A harmonic of the repetition rate passes for a response: 0.8 %, good within 0.2 %."""
+    what = living_sessions.session('steady', 'random', 1, 25.0)
+    hum = 0.01 * what.curve.max() * np.sin(2e-9 * np.pi * hertz * what.stamp_ns)
+    assert doubts(name, what._replace(force=what.force + hum)) == doubted
 
 
 def test_a_sudden_change_that_was_found_is_no_misfit(living_sessions):
@@ -93,7 +107,7 @@ def test_blocks_change_no_bit():
 
 
 def test_noise_of_a_force_that_hardly_varies_is_no_misfit():
-    assert filled((), right=True).sizes == (0.0, 0.0)
+    assert filled((), right=True).sizes == (0.0, 0.0, 0.0)
     assert filled(()).sizes[1] == pytest.approx(1.0, abs=0.05)
     # a baseline that is not known yet is no noise
     assert filled((), offset=100.0).sizes[1] == pytest.approx(1.0, abs=0.05)

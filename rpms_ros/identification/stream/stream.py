@@ -19,7 +19,6 @@ from rpms_ros.identification.model.estimate import Estimate, Estimator, Predicti
 from rpms_ros.identification.quality import doubts as faults
 from rpms_ros.identification.quality.doubts import (
     CHANGED_LATELY,
-    RESPONSE_MISFIT,
     Alignment,
     Doubts,
     FaultCounter,
@@ -441,9 +440,7 @@ class IdentificationStream:
         counts = self._counter.counts()
         estimate = self.estimator.estimate(self._last_ns, counts)
         doubts = (*self._doubts.names(self._samples, counts), *estimate.doubts)
-        # one that works off line compares the force with its one fit itself
-        if self.estimator.on_line and self._misfit.doubted and estimate.curve_known:
-            doubts = (*doubts, RESPONSE_MISFIT)
+        doubts += self._misfit.doubts(estimate, self.estimator.on_line)
         found, slow = self._alignment.found, self._steps.reasons(estimate)
         # seen once on a slow course, a muscle that goes on changing leaves no trace yet
         seen = 'unknown' in estimate.change_kinds and estimate.change_ago[-1] < _SLOWLY_S
@@ -571,14 +568,10 @@ class IdentificationStream:
         for name, concerned in marks.items():
             count = int(np.count_nonzero(concerned))
             if name == faults.FORCE_SPIKE and len(acting):
-                artifacts = int(np.count_nonzero(_after(stamps[concerned], acting)))
+                stamp_ns = stamps[concerned]
+                before = np.searchsorted(acting, stamp_ns, side='right') - 1
+                since = stamp_ns - acting[np.maximum(before, 0)]
+                artifacts = int(np.count_nonzero((since >= 0) & (since <= _ARTIFACT_NS)))
                 self._counter.add(faults.FORCE_ARTIFACT, artifacts)
                 count -= artifacts
             self._counter.add(name, count)
-
-
-def _after(stamp_ns: IntArray, onset_ns: IntArray) -> BoolArray:
-    """Return which stamps (samples,) are soon after one of the onsets (pulses,), ascending."""
-    place = np.searchsorted(onset_ns, stamp_ns, side='right')
-    since: BoolArray = stamp_ns - onset_ns[np.maximum(place - 1, 0)] <= _ARTIFACT_NS
-    return since & (place > 0)
