@@ -15,7 +15,13 @@ from rpms_ros.errors import ReportError
 from rpms_ros.identification import IdentifiedSession
 from rpms_ros.identification.quality.explained_force import Stated
 from rpms_ros.identification.quality.verdict import Verdict
-from rpms_ros.report.result import Curve, IdentificationResult, ImpulseResponse, result_rows
+from rpms_ros.report.result import (
+    ONE_INTENSITY,
+    Curve,
+    IdentificationResult,
+    ImpulseResponse,
+    result_rows,
+)
 from rpms_ros.report.text import labelled, write_text
 from rpms_ros.schema import plain
 
@@ -146,8 +152,11 @@ class Identification:
             raise ReportError(f'expected one intensity, got {given.size}; `curve` has 101 of them')
         if given.dtype.kind not in 'buif' or not 0 <= given <= 1:
             raise ReportError(f'expected an intensity from 0 to 1, got {intensity!r}')
+        if self.curve is None and ONE_INTENSITY in self.result.notes:
+            raise ReportError('expected pulses of several intensities, got nearly one intensity')
         if self.curve is None:
-            raise ReportError(self.result.without_curve)
+            fault = 'expected data that determine a recruitment curve'
+            raise ReportError(f'{fault}, got {self.verdict.line}')
         return self.curve.at(float(given))
 
     def plot(self, figure: 'Figure | None' = None) -> 'Figure':

@@ -290,7 +290,9 @@ def feed(
     pulses, before = pulses[order], np.asarray(samples_before_pulse, dtype=np.int64)[order]
     start = 0
     while start < len(forces):
-        stop = _block_end(forces.stamp_ns, start)
+        stamps = forces.stamp_ns[start : start + BLOCK]
+        far = np.flatnonzero(np.abs(stamps - stamps[0]) > _BLOCK_NS)
+        stop = start + (int(far[0]) if len(far) else len(stamps))
         # Pulses after the last sample belong to the last block.
         end = stop if stop < len(forces) else stop + 1
         first, last = np.searchsorted(before, (start, end)).tolist()
@@ -321,13 +323,6 @@ def in_time(pulses: PulseTrain, forces: ForceTrace, gap_ns: int) -> IntArray:
         found = start + np.searchsorted(stamps, pulses.onset_ns[first:last])
         before[first:last] = np.minimum(np.maximum(found, least), len(forces))
     return before
-
-
-def _block_end(stamp_ns: IntArray, start: int) -> int:
-    """Return the end of the block that begins with sample `start`."""
-    stamps = stamp_ns[start : start + BLOCK]
-    far = np.flatnonzero(np.abs(stamps - stamps[0]) > _BLOCK_NS)
-    return start + (int(far[0]) if len(far) else len(stamps))
 
 
 def _settled(stamp_ns: IntArray, gap_ns: int) -> IntArray:

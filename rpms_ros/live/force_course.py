@@ -147,7 +147,9 @@ class ModelledForce:
         while self._pulses and self._pulses[0][0] < oldest - _LATEST_NS:
             self._pulses.popleft()
         acting = [pulse for pulse in self._pulses if oldest < pulse[0] <= int(stamp_ns[-1])]
-        total = np.full(len(stamp_ns), _baseline(self._estimate))
+        known = zip(self._estimate.linear_names, self._estimate.linear, strict=False)
+        level = [float(value) for name, value in known if name.startswith('baseline')][-1:]
+        total = np.full(len(stamp_ns), level[0] if np.isfinite(level).any() else 0.0)
         if acting:
             onset_ns = np.array([onset for onset, _ in acting], dtype=np.int64)
             share = self._estimate.relative_recruitment(np.array([u for _, u in acting]))
@@ -161,12 +163,6 @@ def warm_up() -> None:
     for quantity in SENSOR_TYPES:
         _decoder(quantity)
     identified_recruitment(RecruitmentParameters(0.3, 0.7, 6.0), np.ones(1))
-
-
-def _baseline(estimate: Estimate) -> float:
-    known = zip(estimate.linear_names, estimate.linear, strict=False)
-    levels = [float(value) for name, value in known if name.startswith('baseline')]
-    return levels[-1] if levels and math.isfinite(levels[-1]) else 0.0
 
 
 @cache

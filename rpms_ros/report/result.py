@@ -297,13 +297,6 @@ class IdentificationResult:
     notes: list[str] = documented('warnings')
     verdict: Verdict = documented('whether the result may be used, and why')
 
-    @property
-    def without_curve(self) -> str:
-        """Why there is no curve, in the words of an error."""
-        if ONE_INTENSITY in self.notes:
-            return 'expected pulses of several intensities, got nearly one intensity'
-        return f'expected data that determine a recruitment curve, got {self.verdict.line}'
-
     def interval(self, name: str) -> tuple[float, float] | None:
         """Return the ends of the interval of a parameter of the recruitment curve, if any."""
         value = (self.recruitment or {}).get(name, np.nan)

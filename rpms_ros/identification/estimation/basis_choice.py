@@ -13,7 +13,6 @@ change that suit it: with those of a basis that does not fit, all are much the s
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from enum import Enum
 from itertools import product
 from statistics import fmean
 from typing import NamedTuple
@@ -25,7 +24,6 @@ from rpms_ros.identification.estimation.intake import RawSamples
 from rpms_ros.identification.estimation.prior import WindowPrior
 from rpms_ros.identification.estimation.tremor import SEARCHED_NS, line_in
 from rpms_ros.identification.estimation.window_fit import (
-    Scales,
     Window,
     WindowFit,
     fresh_fit,
@@ -59,10 +57,6 @@ _EQUAL, _MOST_EQUAL = 6.0, 30
 _FINALISTS, _FAR = 5, 1000.0
 # From this place on its grid a disturbance is lively: below a ten thousandth of the force.
 LIVELY = 4
-_LIVELY_START = 7
-# Neighbouring residuals are this much alike where an effort has begun before the muscle was known
-# and is taken for the muscle.
-_HANGING = 10.0
 
 
 def grid(functions: int) -> list[LaguerreBasis]:
@@ -292,8 +286,7 @@ class BasisChoice:
         """Return the fit of a basis.
 
         It begins with the present one.  From a disturbance that is as lively as at present a fit
-        does not find its way to a quiet one, nor the other way round, so both are tried; and where
-        the present fit hangs, one from the beginning with each.
+        does not find its way to a quiet one, nor the other way round, so both are tried.
         """
         present, window = self.fit, self.window
         theta, functions = present.point.theta, basis.functions
@@ -318,11 +311,7 @@ class BasisChoice:
             likelihood=-math.inf,
         )
         trials = [alike]
-        if present.inflation > _HANGING:
-            lively = fresh_fit(theta, functions)
-            lively.scales = Scales(disturbance=_LIVELY_START)
-            trials += [nothing, lively]
-        elif present.scales.lively >= LIVELY and not rough:
+        if present.scales.lively >= LIVELY and not rough:
             trials.append(nothing)
         for one in trials:
             # likelihoods are comparable only if all weight the samples alike
@@ -347,13 +336,6 @@ _UNSEEN_NS = 2 * NANOSECONDS_PER_SECOND
 _NEVER_NS = -(2**62)
 
 
-class Search(Enum):
-    """With which bases the present one is compared."""
-
-    NEIGHBOURS = 'its neighbours'
-    EVERYWHERE = 'all that people have'
-
-
 class BasisSchedule:
     """Says when the basis is to be compared with others, and with which.
 
@@ -369,11 +351,6 @@ class BasisSchedule:
         self._compared_ns = _NEVER_NS
         self._choices = self._in_vain = 0
 
-    @property
-    def begun(self) -> bool:
-        """Whether a response shows."""
-        return self.begun_ns is not None
-
     def begin(self, now_ns: int) -> None:
         """Take note of a response that shows from now on [ns]."""
         self.begun_ns, self._choices = now_ns, 0
@@ -388,8 +365,8 @@ class BasisSchedule:
         if self._stimulated_ns is None and intensity.any():
             self._stimulated_ns = int(onset_ns[(intensity > 0.0).argmax()])
 
-    def due(self, now_ns: int, misfit: bool) -> Search | None:
-        """Return with which bases to compare now, None if not to.
+    def due(self, now_ns: int, misfit: bool) -> bool | None:
+        """Return whether to compare with all bases, not neighbours alone, now; None: not to.
 
         Parameters
         ----------
@@ -418,4 +395,4 @@ class BasisSchedule:
             late = seconds > _CHOICES_S[3]
             self._in_vain = min(self._in_vain + 1, _LONGEST_WAIT) if late else 0
         self._compared_ns = now_ns
-        return Search.EVERYWHERE if done < _GRIDS or misfit else Search.NEIGHBOURS
+        return done < _GRIDS or misfit

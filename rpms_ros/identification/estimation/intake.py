@@ -307,7 +307,9 @@ class RawSamples:
         """Add the usable ones of ascending samples (samples,), and the tremor in their force."""
         last = int(self._stamp_ns[self._size - 1]) if self._size else -(2**62)
         kept = np.flatnonzero(usable)
-        kept = kept[_thinned(stamp_ns[kept], last)]
+        # whatever the cut into blocks was
+        bins = stamp_ns[kept] // _LEAST_DISTANCE_NS
+        kept = kept[np.diff(bins, prepend=last // _LEAST_DISTANCE_NS) != 0]
         here = slice(self._size, self._size + len(kept))
         self._make_room(_SAMPLES, here.stop)
         self._stamp_ns[here] = stamp_ns[kept]
@@ -438,10 +440,3 @@ class RawSamples:
             found = np.linalg.lstsq(np.hstack((wave, slow)), rest[first:last], rcond=None)[0]
             result._force[first:last] = self._measured[first:last] - wave @ found[:2]
         return result
-
-
-def _thinned(stamp_ns: IntArray, last_ns: int) -> IntArray:
-    """Return which of ascending stamps (samples,) to keep, whatever the cut into blocks was."""
-    bins = stamp_ns // _LEAST_DISTANCE_NS
-    before = np.concatenate(([last_ns // _LEAST_DISTANCE_NS], bins[:-1]))
-    return np.flatnonzero(bins != before)

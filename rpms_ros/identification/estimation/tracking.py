@@ -27,7 +27,6 @@ from rpms_ros.identification.estimation.basis_choice import (
     BasisChoice,
     BasisFit,
     BasisSchedule,
-    Search,
 )
 from rpms_ros.identification.estimation.blocks import ring_order
 from rpms_ros.identification.estimation.change_detection import (
@@ -520,7 +519,7 @@ class TrackingEstimator(ProjectionEstimator):
         """Fit the window."""
         if self._intake.learnt[0] == 0.0:
             return
-        if not self._schedule.begun and self._window.shows_response:
+        if self._schedule.begun_ns is None and self._window.shows_response:
             self._schedule.begin(self._now_ns)
         acting_ns = self._acting_ns()
         if len(acting_ns) and self._now_ns - int(acting_ns[-1]) > _REST_NS:
@@ -610,7 +609,7 @@ class TrackingEstimator(ProjectionEstimator):
         """Follow a tremor, or look whether what may be one explains the samples."""
         if not self._tremor.follow(repetition_rates(self._problem.blocks)):
             return
-        if not self._schedule.begun:
+        if self._schedule.begun_ns is None:
             # nothing is known that would be lost
             self._watch.forget()
             self._problem = self._problem._replace(first=int(self._problem.blocks.size[0]))
@@ -718,7 +717,7 @@ class TrackingEstimator(ProjectionEstimator):
             knots, pauses = knots_of_change(recruiting_ns, first_ns, now_ns, self._lag())
         window = Window(first_ns, now_ns, INTERVAL_NS, knots, pauses, self._origin)
         # without a known response there is no slow change
-        return window if self._schedule.begun else window.without_past
+        return window.without_past if self._schedule.begun_ns is None else window
 
     def _lag(self) -> float:
         """Return how long after its pulse the force acts in the mean, in intervals."""
@@ -814,8 +813,8 @@ class TrackingEstimator(ProjectionEstimator):
             return
         fit = self._window
         misfit = fit.inflation > _ALIKE * fit.colour or fit.scales.lively >= LIVELY
-        search = self._schedule.due(self._now_ns, misfit)
-        if search is None:
+        everywhere = self._schedule.due(self._now_ns, misfit)
+        if everywhere is None:
             return
         if self._tremor.frequency:
             # the muscle is known better than it was
@@ -824,7 +823,7 @@ class TrackingEstimator(ProjectionEstimator):
             self._raw = self._raw.without(self._tremor.frequency, rest)
             self._change_basis(self._basis)
         choice = self._choice()
-        found = choice.better(search is Search.EVERYWHERE)
+        found = choice.better(everywhere)
         # a lively disturbance takes up what a basis leaves
         found = choice.richer(found if fit.scales.lively >= LIVELY else choice.finer(found))
         explained = choice.explained(found)

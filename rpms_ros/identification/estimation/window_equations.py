@@ -247,14 +247,6 @@ def ages_in_knots(times: FloatArray, first: int, count: int) -> FloatArray:
 
 
 @numba.njit(cache=True)
-def _write_theta(point: 'Point', age: float, then: FloatArray) -> None:
-    """Write u_thr and u_sat of an age, in intervals, into theta."""
-    position = _in_knots(point.times, age)
-    for place in range(MOVING):
-        then[place] = point.theta[place] + _at_age(point.thresholds[place], position)
-
-
-@numba.njit(cache=True)
 def condensed(
     problem: Problem, point: 'Point', first_ns: int, now_ns: int, length_ns: int, origin: Origin
 ) -> Intervals:
@@ -296,7 +288,9 @@ def condensed(
         advance_state(blocks.transition[here], state)
         advance_states(blocks.transition[here], slopes)
         if blocks.intensity[here] != 0.0:
-            _write_theta(point, max(now_ns - start_ns, 0) / length_ns, then)
+            position = _in_knots(point.times, max(now_ns - start_ns, 0) / length_ns)
+            for place in range(MOVING):
+                then[place] = point.theta[place] + _at_age(point.thresholds[place], position)
             state += problem.input_gain * counted_with_gradient(
                 blocks.intensity[here], blocks.weight[here], then, slope
             )

@@ -105,7 +105,9 @@ class Decoder:
                 for path, column in number.items():
                     column[chosen] = rows[path]
                 if self._string:
-                    columns.strings |= _distinct(rows[self._string])
+                    texts = rows[self._string]
+                    texts = texts[:1] if (texts == texts[0]).all() else np.unique(texts)
+                    columns.strings |= {text.decode('utf-8', 'replace') for text in texts}
                 columns.good[chosen] = True
         for index in np.flatnonzero(~columns.good).tolist():
             self._decode_one(records.message(index), index, columns)
@@ -150,12 +152,6 @@ def _alike(
                 chosen = chosen[gather(records.buffer, closing, 'u1') == 0]
             if len(chosen):
                 yield slice(None) if len(chosen) == len(records) else chosen, kind
-
-
-def _distinct(values: npt.NDArray[np.bytes_]) -> set[str]:
-    if (values == values[0]).all():
-        values = values[:1]
-    return {value.decode('utf-8', 'replace') for value in np.unique(values)}
 
 
 SECOND, NANOSECOND = 'header.stamp.sec', 'header.stamp.nanosec'
