@@ -487,8 +487,8 @@ _SETTLING_S = 8
 # not to trust it.
 _SHAPE, _GAIN = 0.025, 0.01
 # Share of the largest force of the curve above which what repeats is no error of the response: hum
-# of 1 % has 0.6 %, functions that do not quite fit have 0.1 %.
-_REPEATED = 0.003
+# of 1 % has 0.6 %, behind a low-pass of 30 Hz 0.2 %; functions that do not quite fit have 0.1 %.
+_REPEATED = 0.0015
 # Variance of a slope that noise explains, times this for noise whose neighbours are alike.
 _CHANCE = 4.0
 # Intensities that differ less do not tell the response from the baseline.
