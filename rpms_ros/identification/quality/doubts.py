@@ -486,8 +486,9 @@ _SETTLING_S = 8
 # 8 ms after the muscle have 1.6 %: the curve is then wrong by less than 1 %, which is no reason
 # not to trust it.
 _SHAPE, _GAIN = 0.025, 0.01
-# Share of the largest force of the curve above which what repeats is no error of the response: hum
-# of 1 % has 0.6 %, behind a low-pass of 30 Hz 0.2 %; functions that do not quite fit have 0.1 %.
+# Share of the largest force of curve and response above which what repeats is no error of the
+# response: hum of 1 % has 0.6 %, behind a low-pass of 30 Hz 0.2 %; functions that do not quite fit
+# have 0.1 %.
 _REPEATED = 0.0015
 # Variance of a slope that noise explains, times this for noise whose neighbours are alike.
 _CHANCE = 4.0
@@ -611,7 +612,8 @@ class ResponseMisfit:
         """
         shape, gain, repeats = self.sizes
         follows = on_line and (shape > _SHAPE or gain > _GAIN)
-        highest = float(np.abs(estimate.curve_force).max(initial=0.0))
+        # at low rates a single response is higher
+        highest = np.abs([*estimate.curve_force, *estimate.response_force]).max(initial=0.0)
         holds = {RESPONSE_MISFIT: follows, FORCE_REPEATS: repeats > _REPEATED * highest}
         return tuple(name for name in holds if holds[name] and estimate.curve_known)
 
