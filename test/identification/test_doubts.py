@@ -30,8 +30,6 @@ from rpms_ros.identification.quality.explained_force import (
 from rpms_ros.muscle import Contraction, simulation_subject, twitch
 from rpms_ros.pulses import ForceTrace, PulseTrain
 
-OTHERS = ('batch', 'tracking')
-
 
 def doubts(name, what) -> tuple[str, ...]:
     """Return the doubts of the last estimate of a session."""
@@ -64,7 +62,8 @@ def test_functions_that_begin_a_little_late_are_not_doubted(living_sessions, nam
 
 @pytest.mark.parametrize(('hertz', 'doubted'), [(60.0, (FORCE_REPEATS,)), (57.0, ())])
 @pytest.mark.parametrize(
-    'name', ['recursive', *(pytest.param(one, marks=pytest.mark.long) for one in OTHERS)]
+    'name',
+    ['recursive', *(pytest.param(one, marks=pytest.mark.long) for one in ('batch', 'tracking'))],
 )
 def test_hum_in_step_with_the_pulses_is_doubted(living_sessions, name, hertz, doubted):
     """A harmonic of the repetition rate passes for a response: 0.8 %, good within 0.2 %."""

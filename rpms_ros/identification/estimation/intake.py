@@ -307,7 +307,7 @@ class RawSamples:
         """Add the usable ones of ascending samples (samples,), and the tremor in their force."""
         last = int(self._stamp_ns[self._size - 1]) if self._size else -(2**62)
         kept = np.flatnonzero(usable)
-        # whatever the cut into blocks was
+        # the same ones whatever the cut into blocks was
         bins = stamp_ns[kept] // _LEAST_DISTANCE_NS
         kept = kept[np.diff(bins, prepend=last // _LEAST_DISTANCE_NS) != 0]
         here = slice(self._size, self._size + len(kept))

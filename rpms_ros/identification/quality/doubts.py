@@ -594,8 +594,8 @@ class ResponseMisfit:
         some = by_lag[by_lag[:, 0] > 0.0]
         count, intensity, its_square, error_there, both, its_noise = some.T
         share, mean = count / count.sum(), error_there / count
-        chance = _CHANCE * (its_noise / count - mean**2) / count
-        repeats = float(np.sqrt(max(share @ ((mean - share @ mean) ** 2 - chance), 0.0)))
+        of_mean = _CHANCE * (its_noise / count - mean**2) / count
+        repeats = float(np.sqrt(max(share @ ((mean - share @ mean) ** 2 - of_mean), 0.0)))
         varied = its_square - intensity**2 / count
         enough = varied > count * _LEAST_SPREAD**2
         slope = (both - error_there * intensity / count)[enough] / varied[enough]
@@ -613,7 +613,7 @@ class ResponseMisfit:
         shape, gain, repeats = self.sizes
         follows = on_line and (shape > _SHAPE or gain > _GAIN)
         # at low rates a single response is higher
-        highest = np.abs([*estimate.curve_force, *estimate.response_force]).max(initial=0.0)
+        highest = np.abs(np.append(estimate.curve_force, estimate.response_force)).max(initial=0.0)
         holds = {RESPONSE_MISFIT: follows, FORCE_REPEATS: repeats > _REPEATED * highest}
         return tuple(name for name in holds if holds[name] and estimate.curve_known)
 
