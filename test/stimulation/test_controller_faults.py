@@ -7,8 +7,8 @@ import pytest
 from faulty_device import SimulatedFaults
 
 from rpms_ros.errors import StimulationError
-from rpms_ros.stimulation import Schedule, Single, constant
-from rpms_ros.stimulation.devices.registry import UNVERIFIED, Delivery, DeviceError
+from rpms_ros.stimulation import Constant, Pause, Schedule, Single, constant
+from rpms_ros.stimulation.devices.registry import UNVERIFIED, Delivery, DeviceError, DeviceStatus
 from rpms_ros.stimulation.driver.safety_monitor import Refused
 from rpms_ros.stimulation.driver.states import State
 from rpms_ros.stimulation.limits.limiter import Limits
@@ -380,6 +380,60 @@ def test_what_was_not_read_of_a_train_that_was_cut_short_is_not_asked_of_the_nex
     driver.controller.start(SHORT)
     driver.advance(1.0)
     assert (driver.run.ended, driver.controller.fault_counts()) == ('completed', {})
+
+
+def turned_up(device):
+    """Somebody turns the knob of a device that does not tell so when it is kept alive."""
+    device.intensity = 0.9
+    device.instead['keep_alive'] = lambda: type(device).keep_alive(device) and DeviceStatus()
+
+
+def test_a_pulse_of_zero_after_a_pause_is_set_like_any_other(virtual):
+    """It was given at whatever the panel said since the pause had begun."""
+    pause = Schedule((Single(0.1, duration_s=3.0), Single(0.0, duration_s=1.0)))
+    driver = virtual().started(pause, 2.0)
+    turned_up(driver.device)
+    driver.advance(3.0)
+    assert [intensity for _, intensity in driver.device.commands] == [0.1, 0.0]
+    assert (driver.run.ended, driver.device.fired[-1].intensity) == ('completed', 0.0)
+
+
+def test_a_pulse_is_set_although_the_one_that_was_dropped_had_the_same_intensity(running):
+    turned_up(running.device)
+    running.clock.stall(0.05)
+    running.advance(0.1)
+    assert running.run.dropped == 1
+    assert {given.intensity for given in running.device.fired} == {0.5}
+    assert running.controller.state is State.RUNNING
+
+
+@pytest.mark.parametrize('turned', [False, True])
+def test_a_quick_train_whose_last_pulse_is_dropped_is_read_at_its_end(virtual, turned):
+    """It was read after the pause, in which the intensity is zero: a false fault."""
+    driver = virtual()
+    driver.device.read_back_s = 0.2
+    gives = type(driver.device).fire
+    driver.device.instead['fire'] = lambda *arguments: gives(driver.device, *arguments)._replace(
+        unverified=frozenset({'intensity'})
+    )
+    trains = [Constant(20.0, 0.5, intensity) for intensity in (0.5, 0.3)]
+    driver.started(Schedule((trains[0], Pause(4.5), trains[1])), 0.47)
+    if turned:
+        turned_up(driver.device)
+    driver.advance(0.08, late_ns=40 * MILLISECOND)
+    driver.advance(6.0)
+    wrong = 'expected intensity 0.5 from the device, got 0.9'
+    assert driver.run.ended == (wrong if turned else 'ended with 1 pulse missing')
+    assert driver.controller.fault_counts() == {'late': 1} | ({'intensity': 1} if turned else {})
+
+
+def test_a_fault_without_a_word_ends_the_run(running):
+    running.device.instead['fire'] = raising(DeviceError())
+    running.advance(5.0)
+    assert (running.run.ended, running.run.cause) == ('fault', 'fault')
+    # nothing is reserved any more for what is left of it
+    assert running.controller.ledger.totals()[0] == 11
+    assert_safe(running)
 
 
 def test_device_that_vanishes_while_nothing_fires_is_noticed_and_let_go(driver_in):

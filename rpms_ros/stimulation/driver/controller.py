@@ -151,6 +151,8 @@ class StimulationController(DeviceOwner):
         # pulses since the intensity was read, and whether it was read since it was set
         self._unread: list[BookedPulse] = []
         self._read = False
+        # index of the pulse that the device is set for, None while it rests
+        self._prepared: int | None = None
         self._wait_for_nothing()
 
     def tighten(self, maximum_intensity: float) -> None:
@@ -246,7 +248,8 @@ class StimulationController(DeviceOwner):
         if quiet := too_quiet(self.limits, run.due_ns - self._active_ns):
             raise Refused(*quiet)
         self.run, self._reservations = run, reservations
-        self._set_intensity = None
+        # none of its pulses, nor does it rest: somebody may have been at the device
+        self._prepared = -1
         # nothing can be read any more of a run that was cut short: it ended with intensity zero
         self._unread = []
         self._wait_for_nothing()
@@ -278,9 +281,8 @@ class StimulationController(DeviceOwner):
 
     def _trials(self) -> tuple[list[Trial], int]:
         """Return a trial of each limiter that differs, and the pulses left in the session."""
-        limiters = [self.limiter]
-        if vars(self.confirmed) != vars(self.limiter):
-            limiters.append(self.confirmed)
+        same = vars(self.confirmed) == vars(self.limiter)
+        limiters = [self.limiter] if same else [self.limiter, self.confirmed]
         left = max(self.limits.session_pulses - self.limiter.session_pulses, 0)
         return [Trial(kept, self.coil, self._active_ns) for kept in limiters], left
 
@@ -335,13 +337,13 @@ class StimulationController(DeviceOwner):
         trigger_ns = max(run.due_ns - self._trigger_ns, self._hold_ns)
         ahead_ns = nanoseconds(max(self.settings.prepare_s, self.device.prepare_s))
         if run.exhausted or trigger_ns - now > ahead_ns:
-            self._rest()
+            self._rest(run)
             if not run.exhausted:
                 return trigger_ns - ahead_ns
             if now >= run.due_ns:
                 self._finish(run)
             return run.due_ns
-        if self._set_intensity != run.intensity:
+        if self._prepared != run.cursor:
             # never between a preparation and its trigger: that pulse would be late
             if self._measured_ns is not None and now - self._measured_ns >= _READING_LIMIT_NS:
                 self._read_temperature(run, trigger_ns - now)
@@ -367,8 +369,7 @@ class StimulationController(DeviceOwner):
         if self._read or now > begin_ns:
             return trigger_ns
         if now >= begin_ns - _MARGIN_NS:
-            status = self._read_back_status(self._since)
-            self._use_status(status, self._since, run.intensity)
+            self._use_status(self._read_back_status(self._since), self._since, run.intensity)
             return now
         return begin_ns - _MARGIN_NS
 
@@ -383,16 +384,16 @@ class StimulationController(DeviceOwner):
         needed_ns = self._reading_back_ns + self._preparing_ns + self._trigger_ns
         while not run.exhausted and run.due_ns - self._clock() < needed_ns:
             self._drop(run, _INTENSITY)
-        self._verified(run, self._unread[-1].intensity, self._since)
+        self._verified(run, self._since)
 
-    def _verified(self, run: Run, expected: float, since: object) -> tuple[float, bool]:
-        """Read back what the last pulse was given with; return that, and whether it was right.
+    def _verified(self, run: Run, since: object) -> tuple[float, bool]:
+        """Read back what the device is set to; return that, and whether it was right.
 
-        What is not ``expected`` is a fault, and every pulse since the reading before counts as
-        of what was read, if that is more.
+        What it was not told is a fault, and every pulse since the reading before counts as of
+        what was read, if that is more.
         """
         status, unread, self._unread = self._read_back_status(since), self._unread, []
-        found = status.intensity
+        found, expected = status.intensity, self._set_intensity
         wrong = intensity_fault(found, expected, self.settings.intensity_tolerance)
         if found is None or self._silenced(since, found, expected):
             return 0.0, False
@@ -429,11 +430,14 @@ class StimulationController(DeviceOwner):
             except LedgerError as error:
                 self.fail(_LEDGER, str(error))
 
-    def _rest(self) -> None:
+    def _rest(self, run: Run) -> None:
         """Set intensity zero while no pulse is due."""
-        if self._set_intensity != 0.0:
+        if self._prepared is not None:
+            if self._unread:
+                # the last pulse was dropped: afterwards nothing can be read of those before it
+                self._verified(run, self._since)
             self._call('rest', self._since, self.device.rest)
-            self._set_intensity = 0.0
+            self._set_intensity, self._prepared = 0.0, None
 
     def _read_temperature(self, run: Run, spare_ns: int) -> None:
         """Ask how warm the coil is; if the next pulse would be late by that, it is given up."""
@@ -451,7 +455,7 @@ class StimulationController(DeviceOwner):
         if status is None or status.temperature is None:
             self._preparing_ns = self._answered_ns - began
         self._use_status(status, since, intensity)
-        self._set_intensity = intensity
+        self._set_intensity, self._prepared = intensity, run.cursor
 
     def _pulse(self, run: Run) -> None:
         """Fire the pulse that is due, if everything allows it at this very moment."""
@@ -504,7 +508,7 @@ class StimulationController(DeviceOwner):
         if not room or since is not self._epoch:
             return delivery
         try:
-            found, right = self._verified(run, delivery.intensity, since)
+            found, right = self._verified(run, since)
         except DeviceError:
             # a fault already
             return delivery
@@ -563,7 +567,6 @@ class StimulationController(DeviceOwner):
         if math.isfinite(self.device.read_back_s):
             self._unread.append(BookedPulse(onset_ns, pulse.intensity, energy))
         self._active_ns = onset_ns
-        self._set_intensity = None
         self._wait_for_nothing()
         return pulse
 

@@ -265,7 +265,7 @@ class DeviceOwner(SafetyMonitor):
         self._measured_ns: int | None = None
         self._reading_ns = _READING_NS
         # what the device was told and what it said
-        self._set_intensity: float | None = None
+        self._set_intensity = 0.0
         self._charging = False
         self._since = self._settle()
 

@@ -157,7 +157,7 @@ class Run:
     def end(self, reason: str, cause: str) -> None:
         """Note why it is over; the first reason counts."""
         if not self.ended:
-            self.ended, self.cause = reason, cause
+            self.ended, self.cause = reason or cause, cause
 
     @property
     def segment(self) -> int:
