@@ -14,7 +14,7 @@ from importlib import import_module
 from typing import NoReturn
 
 from rpms_ros import __version__
-from rpms_ros.cli.options import FAILURE, INTERRUPTED, SUCCESS
+from rpms_ros.cli.options import CLOSED, FAILURE, INTERRUPTED
 from rpms_ros.errors import RpmsError
 from rpms_ros.printable import printable
 
@@ -130,7 +130,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         # The reader has closed our output: nothing may be flushed into it any more.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return SUCCESS
+        return CLOSED
     # the system says what of a path it cannot take, such as a name of 300 letters
     except (RpmsError, OSError) as error:
         print(f'rpms: error: {printable(str(error))}', file=sys.stderr)

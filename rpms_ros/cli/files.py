@@ -63,8 +63,8 @@ def add_signal_options(parser: argparse.ArgumentParser) -> None:
     text = 'edge of the gate with which a pulse begins; falling if it is high most of the time'
     add_option(group, '--edge', None, text, choices=('rising', 'falling'))
     text = (
-        "share of the stimulator's maximum of every pulse, 0 to 1; or a column with it, "
-        'COLUMN/FULL if that is FULL at the maximum, or a file with one a pulse'
+        "share of the stimulator's maximum of every pulse, 0 to 1; or a column with it, or a file "
+        'with one a pulse, NAME/FULL if it is FULL at the maximum'
     )
     add_option(group, '--intensity SHARE|COLUMN|FILE', 1.0, text, type=_share_or_name)
     add_option(group, '--block N', None, 'block of a LabChart file, from 1', type=int)

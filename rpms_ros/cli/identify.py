@@ -94,11 +94,6 @@ def run(arguments: argparse.Namespace) -> int:
         most = _MOST_ESTIMATES if arguments.out or arguments.estimator == FOLLOWER else 1
         session = identified(recording, options, advance, most)
     result = result_of(recording, session, arguments.expected_force)
-    if arguments.json:
-        print(json.dumps(plain(result), allow_nan=False))
-    else:
-        print(f'{printable(str(arguments.bag))}\n{labelled(result_rows(result))}')
-    warn(('warning', text) for text in result.notes)
     if folder := arguments.out:
         from rpms_ros.report.analysis_figures import save_figure
         from rpms_ros.report.figures import draw_session, style
@@ -109,4 +104,9 @@ def run(arguments: argparse.Namespace) -> int:
         figure = draw_session(session, recording.pulses, truth, str(arguments.bag), result.trains)
         with style():
             save_figure(figure, folder / 'session.png', folder / 'session.svg')
+    if arguments.json:
+        print(json.dumps(plain(result), allow_nan=False))
+    else:
+        print(f'{printable(str(arguments.bag))}\n{labelled(result_rows(result))}')
+    warn(('warning', text) for text in result.notes)
     return verdict_code(result.verdict.grade, recording)

@@ -23,7 +23,7 @@ Options = TypeVar('Options')
 Subparsers: TypeAlias = 'argparse._SubParsersAction[argparse.ArgumentParser]'
 # Those of `rpms_ros.identification.PRESET_NAMES`, which takes long to import.
 PRESETS = ('people', 'arctan', 'paper_table_4', 'paper_table_5')
-SUCCESS, INCOMPLETE, FAILURE, UNUSABLE, INTERRUPTED = 0, 1, 2, 3, 130
+SUCCESS, INCOMPLETE, FAILURE, UNUSABLE, INTERRUPTED, CLOSED = 0, 1, 2, 3, 130, 141
 COMPILING = 'compiling for this machine, once; this takes one to three minutes'
 # What takes longer shows a bar [s].
 _PATIENCE = 1.0

@@ -162,6 +162,8 @@ class OperatorConsole(NodeOfParts):
             )
 
     def _tell_result(self, future: Future) -> None:
+        # of a goal that was refused: the driver is armed, and a silence would be latched
+        self._enable(False)
         self.client.token = ''
         self._say(future.result().result.reason)
 

@@ -42,6 +42,7 @@ from rpms_ros.identification.quality.explained_force import (
     Stated,
     informed_parameters,
     informed_physiology,
+    is_no_twitch,
     stated,
     weight_at_own_rate,
 )
@@ -304,13 +305,9 @@ class IdentificationResult:
 
     @property
     def is_no_twitch(self) -> bool:
-        """Whether two peaks differ: see `NOT_A_TWITCH`.
-
-        That of the identified response is outside the interval, and by 5 % of it more, of the peak
-        of the twitch which was fitted to it.
-        """
-        twitch, peak = (self.physiology or {}).get('twitch_peak_n'), self.impulse_response.peak
-        return twitch is not None and not 0.95 * twitch.lower < peak.value < 1.05 * twitch.upper
+        """Whether two peaks differ: see `NOT_A_TWITCH`."""
+        twitch = (self.physiology or {}).get('twitch_peak_n')
+        return is_no_twitch(twitch, self.impulse_response.peak.value)
 
 
 def result_of(

@@ -182,19 +182,24 @@ def test_a_command_that_needs_ros_says_so_in_a_line(command, missing):
     )
 
 
-def test_a_reader_that_leaves_early_is_no_error(short_session):
+def test_a_reader_that_leaves_early_gets_no_verdict_and_the_files_are_there(
+    short_session, tmp_path
+):
+    """The code of what was cut off was 0, that of a good result."""
+    command = ['identify', '--quiet', str(short_session), '--out', str(tmp_path / 'out')]
     read_end, write_end = os.pipe()
     os.close(read_end)
     with os.fdopen(write_end, 'w') as pipe:
         done = subprocess.run(
-            [sys.executable, '-m', 'rpms_ros.cli', 'info', str(short_session)],
+            [sys.executable, '-u', '-m', 'rpms_ros.cli', *command],
             stdout=pipe,
             stderr=subprocess.PIPE,
             text=True,
             timeout=250,
             check=False,
         )
-    assert (done.returncode, done.stderr) == (0, '')
+    assert (done.returncode, done.stderr) == (141, '')
+    assert (tmp_path / 'out' / 'result.json').is_file()
 
 
 @pytest.mark.parametrize(

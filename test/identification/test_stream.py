@@ -296,8 +296,21 @@ def test_samples_that_hardly_advance_are_bounded():
     assert run.stream.fault_counts == {'force_queue_full': 50_000}
 
 
+@pytest.mark.parametrize('delay_s', [0.0, 1.5])
+def test_pulses_that_come_late_within_the_delay_are_used_and_no_fault(record, delay_s):
+    pulses, forces = record(uniform(60), START_NS)
+    run, delay = Run(StreamSettings(reorder_delay=2.0)), round(20 * delay_s)
+    for place in range(60):
+        run.feed(part(forces, 50 * place, 50 * (place + 1)))
+        run.stream.add_pulses(pulses[max(place - delay, 0) : max(place + 1 - delay, 0)])
+    run.stream.add_pulses(pulses[60 - delay :])
+    last = run.finish()
+    assert (last.faults, last.pulses) == ({}, 60)
+
+
+@pytest.mark.parametrize('advanced', [True, False])
 @pytest.mark.parametrize('step', [1000, 37])
-def test_what_is_held_is_predicted_and_not_learnt_from(record, step):
+def test_what_is_held_is_predicted_and_not_learnt_from(record, step, advanced):
     pulses, forces = record(uniform(100), START_NS)
     run = Run()
     run.stream.add_pulses(pulses)
@@ -305,7 +318,9 @@ def test_what_is_held_is_predicted_and_not_learnt_from(record, step):
         stop = min(start + step, 5000)
         for edge, act in ((2000, run.stream.hold), (3000, run.stream.resume)):
             if start < edge <= stop:
-                run.feed(part(forces, start, edge))
+                run.stream.add_forces(part(forces, start, edge))
+                if advanced:
+                    run.estimates += run.stream.advance()
                 act()
                 assert run.stream.held is (edge == 2000)
                 start = edge

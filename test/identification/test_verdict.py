@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import signal
 
 from rpms_ros.identification import (
     Estimate,
@@ -238,6 +239,42 @@ def test_time_in_another_unit_is_not_good(trial):
     verdict = judged((short, ForceTrace(forces.stamp_ns // 1000, forces.force)))
     assert verdict.grade == 'no'
     assert 'is the time in another unit' in verdict.line
+
+
+@pytest.mark.long
+def test_a_limb_that_swings_is_not_good_under_slow_intensities():
+    """Its response was a smooth one, 40 % off, with a note and good."""
+    time = np.arange(20 * 40) / 20.0
+    slow = simulated(0.5 - 0.5 * np.cos(2.0 * np.pi * time / 9.0), 40)
+    assert judged(slow).grade == 'good'
+    swing = signal.cont2discrete(([50.0**2], [1.0, 0.4 * 50.0, 50.0**2]), 1e-3, 'bilinear')
+    swings = with_force(slow, lambda force: signal.lfilter(swing[0][0], swing[1], force))
+    verdict = judged(swings)
+    assert verdict.grade == 'doubtful'
+    assert 'is not the course of a twitch' in verdict.line
+
+
+@pytest.mark.parametrize(('held', 'grade'), [(20, 'no'), (5, 'doubtful')])
+def test_a_slower_sensor_whose_values_are_held_is_not_good(trial, held, grade):
+    """Delays and rise were late by half of that, outside their intervals, and good."""
+    place = np.arange(1000 * SECONDS)
+    verdict = judged(with_force(trial, lambda force: force[place - place % held]))
+    assert verdict.grade == grade
+    assert any(f'each force is held for {held} samples' in text for text in verdict.reasons)
+
+
+def test_intervals_of_a_force_upside_down_are_in_order(trial):
+    last = identified(with_force(trial, np.negative), 'recursive').last
+    values = last.physiology
+    assert min(values) < 0.0
+    assert (last.physiology_lower <= values).all()
+    assert (values <= last.physiology_upper).all()
+
+
+@pytest.mark.parametrize('step', [1e-3, 0.05, 0.2])
+def test_a_coarse_sensor_is_no_slower_one(trial, step):
+    rounded = with_force(trial, lambda force: step * np.round(force / step))
+    assert 'is held for' not in judged(rounded).line
 
 
 @pytest.mark.long

@@ -336,7 +336,7 @@ def test_a_history_law_and_an_earlier_session_are_parameters(tmp_path):
     assert isinstance(estimator, TrackingEstimator)
     assert estimator.settings.history == TemporalSummation(facilitation=0.5)
     earlier = tmp_path / 'earlier.json'
-    rpms_ros.simulate(duration=2.0).identify('tracking').to_json(earlier)
+    rpms_ros.simulate(duration=10.0).identify('tracking').to_json(earlier)
     warm = build_estimator(IdentifierParameters(estimator='tracking', start_from=str(earlier)))
     assert isinstance(warm, TrackingEstimator)
     assert warm._window.point.linear.any()

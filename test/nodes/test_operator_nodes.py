@@ -20,7 +20,7 @@ from rpms_ros.nodes.common.operator import ButtonPublisher, Keyboard
 from rpms_ros.nodes.operator_console import OperatorConsole
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.nodes.stop_button import StopButton
-from rpms_ros.stimulation import constant
+from rpms_ros.stimulation import Pause, Schedule, Single, constant
 
 LONG = constant(0.5, 60.0, 50.0)
 
@@ -173,6 +173,25 @@ def test_the_console_arms_runs_and_disarms(graph, terminal, schedule_file):
         before = len(statuses)
         graph.wait_for(lambda: len(statuses) > before)  # noqa: B023
     assert statuses[-1].state == DriverStatus.DISARMED
+
+
+def test_a_goal_that_is_refused_disarms_and_latches_nothing(graph, terminal, schedule_file):
+    typed, keyboard = terminal
+    statuses = graph.heard(DriverStatus, topics.DRIVER_STATUS, qos.STATUS)
+    graph.add(StimulatorDriver, stop_button_timeout=5.0, heartbeat_timeout=1.0)
+    # longer than the driver stays armed without a pulse
+    refused = schedule_file(Schedule((Single(0.5), Pause(100.0))))
+    ada = {'operator': 'ada', 'schedule_file': refused, 'key_repeat': 2.0}
+    console = graph.add(partial(OperatorConsole, keyboard), **ada)
+    graph.wait_for(lambda: console.client.ready and bool(statuses))
+    os.write(typed, b'a')
+    graph.wait_for(lambda: bool(console.client.token))
+    graph.node('fingers').create_timer(0.05, lambda: os.write(typed, b'e'))
+    graph.wait_for(lambda: console._started and not console.client.token)
+    end = time.monotonic() + 2.0
+    graph.wait_for(lambda: time.monotonic() > end)
+    assert statuses[-1].state == DriverStatus.DISARMED
+    assert 'to hold the enable' in statuses[-1].reason
 
 
 def test_what_is_lost_is_said_by_button_and_console(graph, terminal, capfd):

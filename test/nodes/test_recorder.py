@@ -154,6 +154,26 @@ def test_of_a_publisher_that_was_started_anew_nothing_is_lost(graph, tmp_path):
     assert recorder.lost == {}
 
 
+def test_losses_are_counted_again_once_a_second_publisher_has_left(graph, monkeypatch):
+    node = graph.node('listener')
+    topic = QueuedTopic(node, node, WrenchStamped, 'force', qos.FORCE)
+    first, second = Source(graph), Source(graph)
+    graph.wait_for(lambda: topic.look() == '' and topic.publishers == 2)
+    second.node.destroy_publisher(second._force)
+    graph.wait_for(lambda: len(node.get_publishers_info_by_topic(topic.name)) == 1)
+    graph.wait_for(lambda: first._force.get_subscription_count() == 1)
+    whole = subscriptions.drained
+    monkeypatch.setattr(
+        subscriptions,
+        'drained',
+        lambda one: [some for some in whole(one) if not 10 < some.sequence <= 30],
+    )
+    first.send(60)
+    found = []
+    graph.wait_for(lambda: found.extend(topic.taken()) or len(found) == 40)
+    assert topic.lost == 20
+
+
 def test_of_a_publisher_that_comes_after_none_nothing_is_lost(graph, monkeypatch):
     node = graph.node('listener')
     topic = QueuedTopic(node, node, WrenchStamped, 'force', qos.FORCE)

@@ -122,7 +122,7 @@ def test_a_trigger_whose_height_is_the_intensity_loses_no_pulse(tmp_path):
     assert 'warning' not in dict(found.facts)
     with pytest.raises(RecordingError, match=r"intensities from 0 to 1 in 'Trigger', or in a col"):
         imported(tmp_path / 'a.csv', heights, threshold=0.2, intensity='Trigger')
-    with pytest.raises(RecordingError, match=r"COLUMN/FULL, got 'Trigger/x'"):
+    with pytest.raises(RecordingError, match=r"NAME/FULL, got 'Trigger/x'"):
         imported(tmp_path / 'a.csv', heights, threshold=0.2, intensity='Trigger/x')
 
 
@@ -159,6 +159,11 @@ def test_intensities_from_a_file(tmp_path):
     np.savetxt(shares, SHARES)
     found = imported(tmp_path / 'a.csv', gate(), intensity=str(shares))
     np.testing.assert_array_equal(found.pulses.intensity, SHARES)
+    np.savetxt(shares, 60.0 * SHARES)
+    with pytest.raises(RecordingError, match=r'--intensity \S+shares.txt/FULL divides by the val'):
+        imported(tmp_path / 'a.csv', gate(), intensity=str(shares))
+    found = imported(tmp_path / 'a.csv', gate(), intensity=f'{shares}/60')
+    np.testing.assert_allclose(found.pulses.intensity, SHARES)
     np.savetxt(shares, SHARES[1:])
     with pytest.raises(RecordingError, match=r'the intensity of each of 60 pulses in .*, got 59'):
         imported(tmp_path / 'a.csv', gate(), intensity=str(shares))

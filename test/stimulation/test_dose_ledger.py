@@ -237,6 +237,19 @@ def test_across_boots_the_wall_clock_may_only_add_to_what_is_certain(
     assert opened().totals().pulses == 0
 
 
+def test_another_machine_s_uptime_makes_no_pulse_older(machine, opened, left):
+    """Two stations, one folder: what one gave ten minutes ago was a day old on the other."""
+    machine.boot_id = 'station-1/first'
+    left(5)
+    machine.restart(600.0)
+    machine.boot_id, machine.boot = 'station-2/first', 24 * HOUR
+    second = opened(device='coil-2')
+    assert second.totals().pulses == 5
+    killed(second)
+    machine.boot_id = 'station-1/second'
+    assert opened(device='coil-3').totals().pulses == 0
+
+
 def test_a_wall_clock_that_was_set_later_tells_when_pulses_were(machine, opened):
     """A day behind until the network was there: after a restart the pulses were a day old."""
     ledger = opened()

@@ -95,6 +95,19 @@ def test_wait_after_a_train(rapid, pulses, rate, intensity):
     assert limiter.refusal(round((over + 0.001) * SECOND), 0.1, WIDTH) is None
 
 
+def test_pulses_that_a_crash_has_left_after_a_train_hide_no_wait_of_it(rapid):
+    """What could be read of a reservation that was cut off counts as given at the restart."""
+    limiter = PulseLimiter(rapid.limits)
+    assert give(limiter, regular(60, 15.0), 1.0) is None
+    wait_s = limiter.wait_s
+    limiter.book_history([BookedPulse(6 * SECOND, 0.1, 2.5)])
+    over = round((59 / 15.0 + wait_s) * SECOND)
+    assert wait_s > 10.0
+    assert limiter.refusal(7 * SECOND, 0.1, WIDTH).limit == 'wait'
+    assert limiter.refusal(over - SECOND, 0.1, WIDTH).limit == 'wait'
+    assert limiter.refusal(over + 1, 0.1, WIDTH) is None
+
+
 @pytest.mark.parametrize(('rate', 'intensity'), [(20.0, 0.7), (15.0, 1.0)])
 def test_on_time_in_a_minute(rapid, rate, intensity):
     joule = 252.0 * intensity**2

@@ -701,11 +701,12 @@ class EstimateBuilder:
                 # slow intensities leave no trace
                 missed = course - rho[0] * linear
                 covariance += np.outer(missed, missed)
-            # No muscle answers before its pulse, and none of the others can be negative either.
+            # No muscle answers before its pulse, and none of the others can be negative either,
+            # but where the force is upside down.
             fields |= {
                 'physiology_names': PHYSIOLOGY_NAMES,
                 'physiology': values,
-                'physiology_lower': np.maximum(values - width, 0.0),
+                'physiology_lower': np.maximum(values - width, np.minimum(values, 0.0)),
                 'physiology_upper': values + width,
             }
         half = sure._replace(covariance=covariance).half_width(self._values, misfit)

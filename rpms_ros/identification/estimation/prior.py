@@ -488,7 +488,7 @@ def fitted_muscle_of(path: Path | str, unit: str = 'N') -> FittedMuscle:
         if path.stat().st_size > _LARGEST_RESULT or not path.is_file():
             raise ValueError(f'no file of at most {_LARGEST_RESULT} bytes')
         document = json.loads(path.read_text())
-        muscle, its = document['muscle'], document['unit']
+        muscle, its, verdict = document['muscle'], document['unit'], document['verdict']
         values: dict[str, Any] = {
             field.name: np.array(muscle[field.name], dtype=np.float64)[()]
             for field in fields(FittedMuscle)
@@ -502,4 +502,6 @@ def fitted_muscle_of(path: Path | str, unit: str = 'N') -> FittedMuscle:
         ) from error
     if its != unit:
         raise IdentificationError(f'expected a result in {unit}, got one in {its} in {path}')
+    if verdict['grade'] == 'no':
+        raise IdentificationError(f'expected a result that may be used, got verdict no in {path}')
     return known

@@ -622,8 +622,8 @@ EXPECTED_FORCE = 200.0
 """Far above the force of a hand, a forearm or a foot [N]; a strong leg may have more."""
 
 SLOW_INTENSITIES = (
-    'the intensity changes too slowly to show a limb or sensor that swings or filters, or a step '
-    'of the curve between levels: intervals hold without them (random or catch pulses show both)'
+    'the intensity changes too slowly to show a limb or sensor that swings, filters or slips, or '
+    'a step of the curve between levels: intervals hold without it (random or catch pulses tell)'
 )
 # Mean square of the step from pulse to pulse, as a share of the variance of what they recruit: 2
 # with random intensities, 0.4 with a tenth of catch pulses, 0.002 with a sinusoid of 9 s at 20 Hz.

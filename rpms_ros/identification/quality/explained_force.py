@@ -254,6 +254,14 @@ def stated(names: Sequence[str], *columns: FloatArray) -> dict[str, Stated]:
     return {name: Stated(*row) for name, row in zip(names, rows, strict=True)}
 
 
+def is_no_twitch(twitch: Stated | None, peak: float) -> bool:
+    """Return whether the peak of a response is none of the twitch that was fitted to it.
+
+    It is outside the interval of that of the twitch, and by 5 % of it more.
+    """
+    return twitch is not None and not 0.95 * twitch.lower < peak < 1.05 * twitch.upper
+
+
 def informed_physiology(estimate: Estimate) -> dict[str, Stated]:
     """Return the numbers of the physiology of which the data inform, by name.
 

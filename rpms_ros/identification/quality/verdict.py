@@ -38,6 +38,8 @@ from rpms_ros.identification.quality.doubts import (
 )
 from rpms_ros.identification.quality.explained_force import (
     SimulatedFit,
+    informed_physiology,
+    is_no_twitch,
     simulated_fit,
     white_noise,
 )
@@ -47,6 +49,7 @@ from rpms_ros.printable import percent_explained
 from rpms_ros.pulses import (
     NANOSECONDS_PER_SECOND,
     BoolArray,
+    FloatArray,
     ForceTrace,
     IntArray,
     PulseTrain,
@@ -96,6 +99,10 @@ _LEARNT_SHARE = 0.8
 FOLLOWER = 'tracking'
 """The estimator that follows a muscle that changes."""
 _HINT = f'; --estimator {FOLLOWER} tells a muscle that changes, efforts and tremor apart'
+_SLOW_NO_TWITCH = (
+    'the response, which slow intensities hardly show, is not the course of a twitch: does a limb '
+    'or sensor swing, was the sensor zeroed, did it slip? (random or catch pulses tell)'
+)
 _DYNAMICS_ONLY = 'dynamics only: one intensity shows no recruitment curve'
 # With so many estimates there is one close to that time.
 _ESTIMATES = 8
@@ -162,8 +169,7 @@ def verdict_of(
     IdentificationError
         If `expected_force` is not above 0.
     """
-    refused = IdentificationError
-    check_number(refused, 'largest force', expected_force, 0, above=True, unit='N')
+    check_number(IdentificationError, 'largest force', expected_force, 0, above=True, unit='N')
     unit = session.last.unit
     reasons = list(reasons_of_data(pulses, forces, expected_force, unit))
     if not any(grade == NO for grade, _ in reasons):
@@ -195,26 +201,19 @@ def verdict_of(
     reasons += _of_the_estimator(session, pulses, found.explained >= _GOOD_EXPLAINED)
     # without a curve the force is explained at one intensity only
     scope = '' if session.last.curve_known else f'{_DYNAMICS_ONLY}; '
-    praise = (
-        f'{scope}the identified muscle explains {percent_explained(found.explained)} % of the '
-        f'{QUANTITIES[unit]}'
-    )
-    return of_reasons(reasons, praise)
+    share = f'{percent_explained(found.explained)} % of the {QUANTITIES[unit]}'
+    return of_reasons(reasons, f'{scope}the identified muscle explains {share}')
 
 
 def _of_dynamics(reasons: list[Reason], dynamics: TrainDynamics, unit: str) -> Verdict:
     """Return the verdict on trains of one intensity, which give dynamics but no curve."""
     if dynamics.gain < 0.0:
-        text = (
-            f'the {QUANTITIES[unit]} of a pulse comes out negative, {dynamics.gain:.3g} {unit}: '
-            'sign or axis of the sensor is wrong (--sign, --axis)'
-        )
+        below = f'negative, {dynamics.gain:.3g} {unit}: sign or axis of the sensor is wrong'
+        text = f'the {QUANTITIES[unit]} of a pulse comes out {below} (--sign, --axis)'
         return of_reasons([*reasons, (NO, text)], '')
     explained = 1.0 - (1.0 - dynamics.fit_percent / 100.0) ** 2
-    text = (
-        f'{_DYNAMICS_ONLY}; the model of the trains ({dynamics.model}) explains '
-        f'{percent_explained(explained)} % of the variance of the {QUANTITIES[unit]}'
-    )
+    share = f'{percent_explained(explained)} % of the variance of the {QUANTITIES[unit]}'
+    text = f'{_DYNAMICS_ONLY}; the model of the trains ({dynamics.model}) explains {share}'
     if explained < _GOOD_EXPLAINED:
         reasons.append((NO if explained < _LEAST_EXPLAINED else DOUBTFUL, text))
     if dynamics.onset_s is None:
@@ -257,11 +256,9 @@ def _of_the_fit(
     slow = max(error**2 - white_noise(force[late]) ** 2, 0.0) ** 0.5 if error else 0.0
     if slow > _LARGEST_RESIDUAL * span:
         hint = '' if session.last.rate_names else _HINT
-        text = (
-            f'the residual is not white: {slow:.2g} {session.last.unit} of it, '
-            f'{100 * slow / span:.2g} % of the range of the force, is no noise of the sensor{hint}'
-        )
-        yield DOUBTFUL, text
+        what = f'{slow:.2g} {session.last.unit} of it, {100 * slow / span:.2g} % of the range of '
+        what += f'the force, is no noise of the sensor{hint}'
+        yield DOUBTFUL, f'the residual is not white: {what}'
     seconds = float(np.ptp(stamps[part])) / NANOSECONDS_PER_SECOND
     if abs(found.slope) * seconds > _LARGEST_DRIFT * span:
         a_minute = f'{60 * found.slope:.2g} {session.last.unit} a minute'
@@ -285,15 +282,15 @@ def _of_the_end(session: IdentifiedSession, pulses: PulseTrain, span: float) -> 
         for one in (before[-1], session.last)
     )
     if held_out > max(_HELD_OUT_TIMES * fitted, _LARGEST_HELD_OUT * span):
-        text = (
-            f'the end of the session, held out, is missed by {100 * held_out / span:.2g} % of the '
-            f'range of the force, fitted it is {100 * fitted / span:.2g} %'
-        )
-        yield DOUBTFUL, text
+        by = f'{100 * held_out / span:.2g} % of the range of the force, fitted it is '
+        by += f'{100 * fitted / span:.2g} %'
+        yield DOUBTFUL, f'the end of the session, held out, is missed by {by}'
 
 
 # A twitch rises within 20 to 100 ms: fewer samples a second do not show it.
 _LEAST_SAMPLING_HZ = 100.0
+# Fewer changes of the force than this do not tell whether they are those of a slower sensor.
+_FEW = 20
 # No force sensor of the field is sampled faster.
 _MOST_SAMPLING_HZ = 100_000.0
 # Stimulators repeat at up to 100 Hz.
@@ -329,49 +326,54 @@ def reasons_of_data(
         yield NO, f'{CLOCKS_DIFFER}: {apart}'
         return
     if span == 0.0:
-        text = (
-            'the force never changes: another topic or axis, a dynamometer '
-            '(--quantity torque), or a dead sensor'
-        )
-        yield NO, text
+        other = QUANTITIES['N' if unit != 'N' else 'N m']
+        text = f'another topic or axis, a {other} (--quantity {other}), or a dead sensor'
+        yield NO, f'the {QUANTITIES[unit]} never changes: {text}'
         return
     yield from _of_time(pulses, forces)
     if span > expected_force:
-        text = (
-            f'the {QUANTITIES[unit]} spans {span:.4g} {unit}, more than the '
-            f'{expected_force:g} {unit} that are expected: are these grams or millinewtons, '
-            'or has this muscle a higher --expected-force?'
-        )
-        yield DOUBTFUL, text
+        more = f'more than the {expected_force:g} {unit} that are expected: are these grams or '
+        more += 'millinewtons, or has this muscle a higher --expected-force?'
+        yield DOUBTFUL, f'the {QUANTITIES[unit]} spans {span:.4g} {unit}, {more}'
     if unit == 'N' and span < _LEAST_FORCE:
-        text = (
-            f'the force spans {span:.2g} N, less than the {_LEAST_FORCE:g} N that a sensor '
-            'for people resolves: is the force in kN?'
-        )
-        yield DOUBTFUL, text
+        less = f'{_LEAST_FORCE:g} N that a sensor for people resolves: is the force in kN?'
+        yield DOUBTFUL, f'the force spans {span:.2g} N, less than the {less}'
 
 
 def invalid_intensities(pulses: PulseTrain) -> str:
     """Return how many pulses have an intensity that is no share of the maximum, and which."""
     count = np.count_nonzero(outside_shares(pulses.intensity))
-    return (
-        f'{PULSE_INTENSITY_INVALID}: the intensity of {count} of {len(pulses)} pulses is outside '
-        f'0 to 1 ({range_outside(pulses.intensity)})'
-    )
+    outside = f'{count} of {len(pulses)} pulses is outside 0 to 1'
+    outside += f' ({range_outside(pulses.intensity)})'
+    return f'{PULSE_INTENSITY_INVALID}: the intensity of {outside}'
 
 
 def _of_time(pulses: PulseTrain, forces: ForceTrace) -> Iterator[tuple[str, str]]:
     if rate := _rate(forces.stamp_ns):
-        if rate < _LEAST_SAMPLING_HZ:
-            text = (
-                f'the force has {rate:.3g} samples a second, a twitch needs '
-                f'{_LEAST_SAMPLING_HZ:g}: is the time in another unit, as ms?'
-            )
-            yield NO, text
+        held = _held(forces.force[np.isfinite(forces.force)])
+        if held > 1.0:
+            text = f'each force is held for {held:.3g} samples: take it once, at its own time'
+            yield (NO if rate < held * _LEAST_SAMPLING_HZ else DOUBTFUL), text
+        elif rate < _LEAST_SAMPLING_HZ:
+            need = f'a twitch needs {_LEAST_SAMPLING_HZ:g}: is the time in another unit, as ms?'
+            yield NO, f'the force has {rate:.3g} samples a second, {need}'
         elif rate > _MOST_SAMPLING_HZ:
             yield NO, f'the force has {rate:.3g} samples a second: is the time in another unit?'
     if (rate := _rate(pulses.onset_ns)) > _MOST_PULSES_HZ:
         yield DOUBTFUL, f'there are {rate:.3g} pulses a second: is the time in another unit?'
+
+
+def _held(force: FloatArray) -> float:
+    """Return for how many samples a slower sensor holds its values, 1 if it is none.
+
+    Neighbours of a coarse or quiet one are alike, too; but they differ where the force moves fast,
+    or all by the least step.
+    """
+    change = np.flatnonzero(force[1:] != force[:-1])
+    apart, step = np.diff(change), np.abs(force[1:] - force[:-1])[change]
+    if len(apart) < _FEW or np.quantile(apart, 0.05) < 2 or np.median(step) < 5.0 * step.min():
+        return 1.0
+    return float(np.median(apart))
 
 
 def _rate(stamp_ns: IntArray) -> float:
@@ -406,6 +408,9 @@ def _of_the_estimate(last: Estimate, found: SimulatedFit, span: float) -> Iterat
         lowest = f'{response.min():.3g} {last.unit}'
         text = f'the response to a pulse swings to {lowest}: a muscle only pulls'
         yield (NO if swing > _WORST_SWING else DOUBTFUL), text
+    twitch = informed_physiology(last).get('twitch_peak_n')
+    if SLOW_INTENSITIES in last.reasons and is_no_twitch(twitch, extreme):
+        yield DOUBTFUL, _SLOW_NO_TWITCH
     if len(last.curve_lower) and not last.curve_lower[-1] > 0.0:
         yield NO, 'the force at full intensity cannot be told from nothing'
 
@@ -420,10 +425,8 @@ def _of_the_explanation(found: SimulatedFit, span: float, unit: str) -> Iterator
     else:
         return
     share = percent_explained(max(found.explained, 0.0))
-    text = (
-        f'the identified muscle explains {share} % of the {QUANTITIES[unit]}, its '
-        f'error is {missed:.2g} {unit}, {100 * missed / span:.2g} % of the range'
-    )
+    text = f'the identified muscle explains {share} % of the {QUANTITIES[unit]}, its error is '
+    text += f'{missed:.2g} {unit}, {100 * missed / span:.2g} % of the range'
     if 0.0 < found.gain < 0.8 or found.gain > 1.25:
         text += f'; its force would fit best {found.gain:.2g} times as large'
     yield grade, text
@@ -445,11 +448,9 @@ def _of_one_way(pulses: PulseTrain) -> Iterator[Reason]:
     for way, sign in (('rises', 1.0), ('falls', -1.0)):
         back = max(float((np.maximum.accumulate(sign * one) - sign * one).max()) for one in trains)
         if back < least:
-            text = (
-                f'between rests the intensity only {way}: a muscle that tires, warms up or lags '
-                'in a train looks like one of another recruitment (random or catch pulses tell)'
-            )
-            yield DOUBTFUL, text
+            text = 'a muscle that tires, warms up or lags in a train looks like one of another '
+            text += 'recruitment (random or catch pulses tell)'
+            yield DOUBTFUL, f'between rests the intensity only {way}: {text}'
 
 
 def _of_the_estimator(
@@ -503,8 +504,5 @@ def _of_the_intervals(last: Estimate, pulses: PulseTrain) -> Iterator[Reason]:
         half = np.where(told, upper - lower, 0.0) / 2
         place = int(np.argmax(half))
         if half[place] > most * np.abs(force).max():
-            text = (
-                f'the force {where.format(at[place])} is known only as '
-                f'{lower[place]:.3g} to {upper[place]:.3g} {last.unit}'
-            )
-            yield DOUBTFUL, text
+            ends = f'{lower[place]:.3g} to {upper[place]:.3g} {last.unit}'
+            yield DOUBTFUL, f'the force {where.format(at[place])} is known only as {ends}'

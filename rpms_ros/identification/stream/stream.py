@@ -351,7 +351,7 @@ class IdentificationStream:
             self._alignment.arrived_apart(pulses.onset_ns[apart], newest_ns)
         self._queue.add(pulses[~late], newest_ns)
         # Far too late for this time line; they belong to the next one if the clock has jumped.
-        stray = pulses.onset_ns < newest_ns - GAP_NS
+        stray = late & (pulses.onset_ns < newest_ns - GAP_NS)
         self._strays.add(pulses[stray], newest_ns)
         for onset_ns in pulses.onset_ns[late & ~stray].tolist():
             self._counter.postpone(faults.PULSE_LATE, newest_ns)
@@ -368,7 +368,7 @@ class IdentificationStream:
         held_ns, newest_ns = self._held_ns, self._intake.newest_ns
         self._held_ns = None
         if held_ns is not None and newest_ns is not None:
-            self._intake.exclude(held_ns, newest_ns + self._memory_ns)
+            self._queue.exclude(held_ns, newest_ns + self._memory_ns)
 
     def add(self, pulses: PulseTrain, forces: ForceTrace, before: IntArray) -> None:
         """Add samples, and pulses in the order in which they came between them.

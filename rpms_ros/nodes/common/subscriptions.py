@@ -152,7 +152,7 @@ class QueuedTopic:
             newest, sequence = self._newest, one.sequence
             if newest is not None and sequence is not None and sequence > newest + 1:
                 self.look()
-                if self._newest is not None and self.publishers < 2:
+                if self._newest is not None and len(self._gids) < 2:
                     self.lost += sequence - newest - 1
             self._newest = sequence
         return found

@@ -153,12 +153,13 @@ def _intensities(
 ) -> tuple[str, FloatArray]:
     """Return the column or file that `text` names, and the shares in it (pulses,)."""
     name, slash, full = text.rpartition('/')
-    if file.signal(text) or not (slash and file.signal(name)):
+    whole = file.signal(text) or Path(text).is_file()
+    if whole or not (slash and (file.signal(name) or Path(name).is_file())):
         name, slash, full = text, '', '1'
     try:
         scale = 1.0 / float(full)
     except (ValueError, ZeroDivisionError) as error:
-        raise RecordingError(f'expected --intensity COLUMN/FULL, got {text!r}') from error
+        raise RecordingError(f'expected --intensity NAME/FULL, got {text!r}') from error
     if found := file.signal(name):
         shares = found.values
         if len(shares) != len(pulses):
@@ -182,7 +183,7 @@ def _intensities(
     if (wrong := np.flatnonzero(~((shares >= 0.0) & (shares <= 1.0)))).size:
         raise RecordingError(
             f'expected intensities from 0 to 1 in {name!r}, or in a column with the unit %, got '
-            f'{shares[wrong[0]]:.4g} of pulse {wrong[0] + 1}: --intensity COLUMN/FULL divides by '
+            f'{shares[wrong[0]]:.4g} of pulse {wrong[0] + 1}: --intensity {name}/FULL divides by '
             'the value of the maximum'
         )
     return name, shares
@@ -192,7 +193,7 @@ def _of_per_cent(name: str, values: FloatArray) -> FloatArray:
     """Return shares of intensities in per cent; a workbook has 0.8 where it shows 80 %."""
     if (most := values.max(initial=0.0)) <= 1.0:
         fault = f'expected intensities in % in {name!r}, got {most:.4g} at most'
-        raise RecordingError(f'{fault}: --intensity COLUMN/FULL divides by the maximum')
+        raise RecordingError(f'{fault}: --intensity {name}/FULL divides by the maximum')
     return values / 100.0
 
 

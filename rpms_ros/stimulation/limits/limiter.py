@@ -285,6 +285,8 @@ class PulseLimiter:
         self.last_intensity = 0.0
         self.counted_ns = 0
         self.train_start_ns = 0
+        # of the wait of a train before this one
+        self.earlier = 0, 0.0, ''
         self.train_pulses = 0
         self.train_energy_j = 0.0
         self.rested_pulses = 0
@@ -324,6 +326,7 @@ class PulseLimiter:
 
     def _book(self, time_ns: int, intensity: float, energy_j: float) -> None:
         if self.starts_train(time_ns):
+            self.earlier = self._longest_wait()
             self.train_start_ns, self.train_pulses, self.train_energy_j = time_ns, 0, 0.0
             self.counted_ns = time_ns
         else:
@@ -408,6 +411,15 @@ class PulseLimiter:
         lasted = span_s * pulses / (pulses - 1) if pulses > 1 else 0.0
         return max(self.limits.minimum_pause_s, energy_s - lasted)
 
+    def _longest_wait(self) -> tuple[int, float, str]:
+        """Return when the last wait of all trains is over [ns], how long it is [s], and of what.
+
+        In what a crash has left the train before may be younger than its wait.
+        """
+        until_ns = (self.last_ns or 0) + math.floor(self.wait_s * NANOSECONDS_PER_SECOND)
+        train = f'a train of {counted(self.train_pulses, "pulse")} and {self.train_energy_j:.4g} J'
+        return max(self.earlier, (until_ns, self.wait_s, train))
+
     # ---- what may be fired
 
     def refusal(self, time_ns: int, intensity: float, width_s: float) -> Refusal | None:
@@ -486,14 +498,11 @@ class PulseLimiter:
                     f'expected a pause of {limits.minimum_pause_s:g} s after at most '
                     f'{limits.maximum_train_pulses} pulses, got one pulse more',
                 )
-        elif time_ns - last_ns < math.floor(self.wait_s * NANOSECONDS_PER_SECOND):
-            wait, gap = told_apart(self.wait_s, gap_s)
-            yield Refusal(
-                'wait',
-                f'expected a wait of {wait} s after a train of '
-                f'{counted(self.train_pulses, "pulse")} and {self.train_energy_j:.4g} J, '
-                f'got {gap} s',
-            )
+        elif time_ns < (longest := self._longest_wait())[0]:
+            until_ns, wait_s, train = longest
+            got_s = wait_s - (until_ns - time_ns) / NANOSECONDS_PER_SECOND
+            wait, got = told_apart(wait_s, got_s)
+            yield Refusal('wait', f'expected a wait of {wait} s after {train}, got {got} s')
 
     def _by_energy(self, energy_j: float) -> Iterator[Refusal]:
         limits = self.limits

@@ -16,14 +16,14 @@ from rpms_ros.errors import StimulationError
 
 # Linux alone has it; elsewhere a sleep is not seen.
 _BOOT_CLOCK = getattr(time, 'CLOCK_BOOTTIME', time.CLOCK_MONOTONIC)
-_BOOT_ID = Path('/proc/sys/kernel/random/boot_id')
+_BOOT_ID, _MACHINE_ID = Path('/proc/sys/kernel/random/boot_id'), Path('/etc/machine-id')
 # Before this software existed [ns since 1970]: a wall clock that says so has not been set.
 EARLIEST_WALL_NS = 1_735_689_600 * 1_000_000_000
 
 
 @cache
 def read_boot_id() -> str:
-    """Return the identifier of this boot of the machine, which no process outlives.
+    """Return ``machine/boot``: this boot of this machine, which no process outlives.
 
     Raises
     ------
@@ -31,7 +31,8 @@ def read_boot_id() -> str:
         If the operating system does not tell.
     """
     try:
-        return _BOOT_ID.read_text(encoding='ascii').strip()
+        machine = _MACHINE_ID.read_text(encoding='ascii').strip() if _MACHINE_ID.exists() else ''
+        return f'{machine}/{_BOOT_ID.read_text(encoding="ascii").strip()}'
     except (OSError, UnicodeDecodeError) as fault:
         raise StimulationError(f'expected a boot identifier in {_BOOT_ID}, got {fault}') from fault
 
@@ -61,7 +62,7 @@ class Clocks:
     wall_ns : callable
         Since 1970, in UTC; may be set at any time.
     boot_id : callable
-        Another text after every start of the machine.
+        Another text after every start of the machine, whose name is in front of a slash.
     """
 
     monotonic_ns: Callable[[], int] = time.monotonic_ns
@@ -85,10 +86,11 @@ class Clocks:
         -------
         int
             Within one boot the time since boot decides, whatever was done to the wall clock.
-            Across boots it is at least the time since this boot; the wall clock may add to that
-            only where it had been set both times.
+            Across boots it is at least the time since this boot if the machine is the same; the
+            wall clock may add to that only where it had been set both times.
         """
-        if boot_id == self.boot_id():
+        if boot_id == (own := self.boot_id()):
             return max(0, self.boot_ns() - boot_ns)
-        certain, now = self.boot_ns(), self.wall_ns()
+        same, now = boot_id.rpartition('/')[0] == own.rpartition('/')[0], self.wall_ns()
+        certain = self.boot_ns() if same else 0
         return certain if min(now, wall_ns) < EARLIEST_WALL_NS else max(certain, now - wall_ns)
