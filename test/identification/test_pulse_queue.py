@@ -38,10 +38,6 @@ class Queue:
         self.counter = FaultCounter()
         self.queue = PulseQueue(MEMORY, LOOK_AHEAD, self.counter)
 
-    def rest(self) -> None:
-        """Let the force be heard long before the first pulse."""
-        self.queue.begin(-10_000 * MILLISECOND)
-
     def add(self, *pulses: tuple[int, float, int]) -> None:
         train = [Pulse(onset * MILLISECOND, *others) for onset, *others in pulses]
         self.queue.add(PulseTrain.of(train))
@@ -128,16 +124,14 @@ def test_two_pulses_at_nearly_one_time_are_no_pulses_of_one_stimulator(sequence)
 
 def test_a_sequence_that_restarts_twice_is_not_learnt_from():
     queue = Queue()
-    queue.rest()
-    queue.add((0, 0.5, 7), (50, 0.5, 0), (100, 0.5, 1), (150, 0.5, 0), (200, 0.5, 1))
-    assert queue.onsets(300) == [0, 50, 100, 150, 200]
+    queue.add((0, 0.5, 7), (450, 0.5, 0), (500, 0.5, 1), (550, 0.5, 0), (600, 0.5, 1))
+    assert queue.onsets(700) == [0, 450, 500, 550, 600]
     assert queue.counter.counts() == {'pulse_sequence_restart': 2}
-    assert queue.unknown(100, 101, 500, 501) == [False, True, True, False]
+    assert queue.unknown(500, 501, 900, 901) == [False, True, True, False]
 
 
 def test_pulses_lost_while_the_driver_was_started_again_are_not_learnt_from():
     queue = Queue()
-    queue.rest()
     queue.add((0, 0.5, 40), (1000, 0.5, 15), (1050, 0.5, 16))
     assert queue.onsets(2000) == [0, 1000, 1050]
     assert queue.counter.counts() == {'pulse_sequence_restart': 1}
@@ -181,21 +175,16 @@ def test_a_flood_of_near_pulses_is_bounded():
     assert vars(queue.queue._room) == {'_most': 10_000, '_taken': {}, '_refused': {}}
 
 
-@pytest.mark.parametrize(
-    ('rest', 'sequence', 'excludes'),
-    [(False, 7, True), (False, 0, False), (False, 2**32, False), (True, 7, False)],
-)
+@pytest.mark.parametrize(('sequence', 'excludes'), [(7, True), (0, False), (2**32, False)])
 def test_a_first_pulse_that_is_not_number_0_excludes_what_those_before_it_could_touch(
-    rest, sequence, excludes
+    sequence, excludes
 ):
     queue = Queue()
-    queue.queue.begin(0)
-    if rest:
-        queue.rest()
     queue.add((50, 0.5, sequence), (100, 0.5, sequence + 1))
     assert queue.onsets(200) == [50, 100]
     assert queue.unknown(0, 1, 51, 400, 401) == [excludes] * 4 + [False]
     assert queue.counter.counts() == {}
+    assert queue.queue.began_amid is excludes
 
 
 def test_only_known_faults_are_counted():

@@ -277,6 +277,16 @@ def test_a_coarse_sensor_is_no_slower_one(trial, step):
     assert 'is held for' not in judged(rounded).line
 
 
+@pytest.mark.parametrize(('begun_ms', 'heard'), [(2000, 46), (0, 20)])
+def test_pulses_before_the_first_that_is_heard_are_no_rest(trial, begun_ms, heard):
+    """The force under them was learnt as that of no pulses: curves were off by a fifth."""
+    (pulses, forces), whole = trial, identified(trial, 'recursive').last.curve_force
+    later = ForceTrace(forces.stamp_ns[begun_ms:], forces.force[begun_ms:])
+    found = identified((pulses[heard:], later), 'recursive').last.curve_force
+    # whose functions begin after this muscle does
+    assert np.abs(found - whole).max() < 0.02 * whole.max()
+
+
 @pytest.mark.long
 def test_pulses_of_another_session_are_not_good(trial):
     pulses, forces = trial

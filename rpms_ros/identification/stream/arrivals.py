@@ -119,8 +119,6 @@ _MANY_ARRIVALS = 1000
 MOST_IN_A_SECOND = 10_000
 # Pulses closer than this do not come from one stimulator [ns].
 _CLOSEST_NS = 200_000
-# The topic of the pulses may be found so much later than that of the force [ns].
-_FOUND_WITHIN_NS = 2_000_000_000
 # A second restart of the sequence within this time is not a restart of the driver [ns].
 _RESTARTS_NS = 10_000_000_000
 
@@ -142,7 +140,8 @@ class PulseQueue:
         self.memory_ns = memory_ns
         self._pulse_look_ahead_ns = pulse_look_ahead_ns
         self.counter = counter
-        self._begun_ns: int | None = None
+        # whether the first pulse that was heard is none of the first of a driver
+        self.began_amid = False
         self._last_sequence: int | None = None
         # whether the driver counts its pulses
         self._counts = False
@@ -171,10 +170,6 @@ class PulseQueue:
         if len(self._arrived) > _MANY_ARRIVALS:
             # No force arrives: keep one array instead of many small ones.
             self._merge_arrived()
-
-    def begin(self, stamp_ns: int) -> None:
-        """Take the stamp of the first sample of the stream [ns]."""
-        self._begun_ns = stamp_ns
 
     def settle(self, until_ns: int, cell_ns: int) -> tuple[IntArray, FloatArray]:
         """Return the pulses with onsets up to `until_ns`, ascending, that can be used.
@@ -253,11 +248,9 @@ class PulseQueue:
         """Exclude what earlier pulses may act on, if the first one that is heard is not number 0.
 
         The stream began amid stimulation, or pulses were lost before the first one was heard.
-        After a rest in which the force was heard none acts.
         """
-        known_ns = self.memory_ns + _FOUND_WITHIN_NS
-        rested = self._begun_ns is not None and onset_ns - self._begun_ns > known_ns
-        if sequence % SEQUENCE_PERIOD and not rested:
+        self.began_amid = sequence % SEQUENCE_PERIOD > 0
+        if self.began_amid:
             self.exclude(onset_ns - self._pulse_look_ahead_ns, onset_ns + self.memory_ns)
 
     def _in_sequence(self, onset_ns: int, sequence: int) -> bool:

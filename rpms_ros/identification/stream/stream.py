@@ -9,6 +9,7 @@ it is cut into blocks.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -298,7 +299,7 @@ class IdentificationStream:
         further = {name: what for one in monitors for name, what in one.faults.items()}
         shares = {name: share for one in monitors for name, share in one.doubtful.items()}
         self.settings = settings
-        self.estimator = estimator
+        self.estimator, self._fresh = estimator, deepcopy(vars(estimator))
         self._counter = FaultCounter(further)
         self._memory_ns = nanoseconds(estimator.memory)
         self._reorder_delay_ns = nanoseconds(settings.reorder_delay)
@@ -478,7 +479,6 @@ class IdentificationStream:
         if first_ns is None:
             return
         if self._cell is None:
-            self._queue.begin(first_ns)
             self._pipeline.begin(first_ns)
         if complete and not self.estimator.on_line:
             until_ns = self._pipeline.block_of(until_ns) - 1
@@ -547,6 +547,10 @@ class IdentificationStream:
         onset, intensity = self._queue.settle(
             stamp_ns + self._pulse_look_ahead_ns, begun_ns + self._pulse_look_ahead_ns
         )
+        if self._queue.began_amid:
+            # what was learnt was no rest, as nobody can know: it begins anew
+            self._queue.began_amid = False
+            vars(self.estimator).update(deepcopy(self._fresh))
         self.estimator.add_pulses(onset, intensity)
         self._pipeline.add_pulses(onset, intensity)
         self._misfit.add_pulses(onset, intensity)
