@@ -409,7 +409,9 @@ def _of_the_estimate(last: Estimate, found: SimulatedFit, span: float) -> Iterat
         text = f'the response to a pulse swings to {lowest}: a muscle only pulls'
         yield (NO if swing > _WORST_SWING else DOUBTFUL), text
     twitch = informed_physiology(last).get('twitch_peak_n')
-    if SLOW_INTENSITIES in last.reasons and is_no_twitch(twitch, extreme):
+    # functions that are fixed take another course even for a twitch
+    chosen = last.estimator != 'recursive'
+    if chosen and SLOW_INTENSITIES in last.reasons and is_no_twitch(twitch, extreme):
         yield DOUBTFUL, _SLOW_NO_TWITCH
     if len(last.curve_lower) and not last.curve_lower[-1] > 0.0:
         yield NO, 'the force at full intensity cannot be told from nothing'
