@@ -75,7 +75,7 @@ def load(
         is high most of the time.  Files only.
     intensity : float or str
         Share of the stimulator's maximum of every pulse, 0 to 1: a gate does not tell it; or the
-        column with it, ``COLUMN/FULL`` if that is FULL at the maximum, or a file with one a pulse.
+        column with it, or a file with one a pulse, ``NAME/FULL`` if it is FULL at the maximum.
         Files only.
     block : int, optional
         Block of a LabChart file, from 1.

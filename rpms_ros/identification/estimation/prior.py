@@ -480,8 +480,8 @@ def fitted_muscle_of(path: Path | str, unit: str = 'N') -> FittedMuscle:
     Raises
     ------
     IdentificationError
-        If it holds no recruitment curve, or not all that `batch` and `tracking` know of one, or
-        its forces have another unit.
+        If it holds no recruitment curve, or not all that `batch` and `tracking` know of one, if
+        its forces have another unit, or its verdict is no.
     """
     try:
         path = Path(path)

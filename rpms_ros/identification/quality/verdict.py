@@ -330,7 +330,7 @@ def reasons_of_data(
         text = f'another topic or axis, a {other} (--quantity {other}), or a dead sensor'
         yield NO, f'the {QUANTITIES[unit]} never changes: {text}'
         return
-    yield from _of_time(pulses, forces)
+    yield from _of_time(pulses, forces.stamp_ns, force)
     if span > expected_force:
         more = f'more than the {expected_force:g} {unit} that are expected: are these grams or '
         more += 'millinewtons, or has this muscle a higher --expected-force?'
@@ -348,9 +348,11 @@ def invalid_intensities(pulses: PulseTrain) -> str:
     return f'{PULSE_INTENSITY_INVALID}: the intensity of {outside}'
 
 
-def _of_time(pulses: PulseTrain, forces: ForceTrace) -> Iterator[tuple[str, str]]:
-    if rate := _rate(forces.stamp_ns):
-        held = _held(forces.force[np.isfinite(forces.force)])
+def _of_time(
+    pulses: PulseTrain, stamp_ns: IntArray, force: FloatArray
+) -> Iterator[tuple[str, str]]:
+    if rate := _rate(stamp_ns):
+        held = _held(force)
         if held > 1.0:
             text = f'each force is held for {held:.3g} samples: take it once, at its own time'
             yield (NO if rate < held * _LEAST_SAMPLING_HZ else DOUBTFUL), text
@@ -369,8 +371,9 @@ def _held(force: FloatArray) -> float:
     Neighbours of a coarse or quiet one are alike, too; but they differ where the force moves fast,
     or all by the least step.
     """
-    change = np.flatnonzero(force[1:] != force[:-1])
-    apart, step = np.diff(change), np.abs(force[1:] - force[:-1])[change]
+    step = np.diff(force)
+    change = np.flatnonzero(step)
+    apart, step = np.diff(change), np.abs(step[change])
     if len(apart) < _FEW or np.quantile(apart, 0.05) < 2 or np.median(step) < 5.0 * step.min():
         return 1.0
     return float(np.median(apart))

@@ -299,6 +299,7 @@ class IdentificationStream:
         further = {name: what for one in monitors for name, what in one.faults.items()}
         shares = {name: share for one in monitors for name, share in one.doubtful.items()}
         self.settings = settings
+        # and as it was before any sample, for a beginning amid stimulation: there is one at most
         self.estimator, self._fresh = estimator, deepcopy(vars(estimator))
         self._counter = FaultCounter(further)
         self._memory_ns = nanoseconds(estimator.memory)
@@ -548,9 +549,9 @@ class IdentificationStream:
             stamp_ns + self._pulse_look_ahead_ns, begun_ns + self._pulse_look_ahead_ns
         )
         if self._queue.began_amid:
-            # what was learnt was no rest, as nobody can know: it begins anew
+            # what was learnt as rest may have been the force of pulses that nobody heard
             self._queue.began_amid = False
-            vars(self.estimator).update(deepcopy(self._fresh))
+            vars(self.estimator).update(self._fresh)
         self.estimator.add_pulses(onset, intensity)
         self._pipeline.add_pulses(onset, intensity)
         self._misfit.add_pulses(onset, intensity)

@@ -175,7 +175,7 @@ class ImportOptions:
         the gate is high more than 90 % of the time, else rising.
     intensity : float or str
         Share of the stimulator's maximum of every pulse, 0 to 1; or a column with it,
-        ``COLUMN/FULL`` if that is FULL at the maximum, or a file with one a pulse.
+        or a file with one a pulse, ``NAME/FULL`` if it is FULL at the maximum.
     block : int or None
         Block of a LabChart file, from 1.
     sheet : str or None

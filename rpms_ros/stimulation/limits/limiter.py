@@ -285,7 +285,7 @@ class PulseLimiter:
         self.last_intensity = 0.0
         self.counted_ns = 0
         self.train_start_ns = 0
-        # of the wait of a train before this one
+        # the wait of the trains before this one that is over last: see _longest_wait
         self.earlier = 0, 0.0, ''
         self.train_pulses = 0
         self.train_energy_j = 0.0
