@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rpms_ros.api.session import Session
+from rpms_ros.api.session import Session, new_figure
 from rpms_ros.errors import ReportError
 from rpms_ros.identification import IdentifiedSession
 from rpms_ros.identification.quality.explained_force import Stated
@@ -172,13 +172,9 @@ class Identification:
         """
         from rpms_ros.report.figures import draw_session
 
-        if figure is None:
-            from matplotlib import pyplot as plt
-
-            figure = plt.figure(figsize=(12.0, 8.4), layout='constrained')
         one = self.session
         found = (self.estimates, one.pulses, self._truth(), one.name, self.result.trains)
-        return draw_session(*found, figure)
+        return draw_session(*found, figure or new_figure(8.4))
 
     def _truth(self) -> 'KnownMuscle | None':
         """Return the muscle of a simulated session."""

@@ -77,7 +77,8 @@ class Session:
         -------
         dict
             ``name``, ``path``, ``storage``, ``samples``, ``pulses``, ``duration_s``,
-            ``force_rate_hz`` and ``pulse_rate_hz`` (medians), ``lowest_force_n``,
+            ``force_rate_hz`` and ``pulse_rate_hz`` (medians), ``unit`` of the force (or torque,
+            in its two numbers, too), ``lowest_force_n``,
             ``highest_force_n``, ``lowest_intensity``, ``highest_intensity``, ``faults`` of the
             recording by kind, ``remarks`` on them and on pulses that do not overlap with the
             force, and how a file was ``imported``.  What cannot be told is None.
@@ -94,6 +95,7 @@ class Session:
             'duration_s': self.duration,
             'force_rate_hz': _rate(self.force.stamp_ns),
             'pulse_rate_hz': _rate(self.pulses.onset_ns),
+            'unit': self.recording.unit,
             'lowest_force_n': float(forces.min()) if len(forces) else None,
             'highest_force_n': float(forces.max()) if len(forces) else None,
             'lowest_intensity': float(shares.min()) if len(shares) else None,
@@ -112,10 +114,7 @@ class Session:
             An empty figure to draw into; else one is made by ``matplotlib.pyplot``, which shows
             it in a notebook, and in a script with ``plt.show()``.
         """
-        if figure is None:
-            from matplotlib import pyplot as plt
-
-            figure = plt.figure(figsize=(12.0, 5.0), layout='constrained')
+        figure = figure or new_figure(5.0)
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
         samples, onsets = self.force.stamp_ns, self.pulses.onset_ns
         # without samples time counts from the first pulse
@@ -182,21 +181,18 @@ class Session:
                 raise RecordingError(f'expected a time in s, got {at!r}')
         if not start < end:
             raise RecordingError(f'expected a start before the end, got {start} s and {end} s')
-        first_ns = self.force.stamp_ns.min() if len(self.force) else 0
-        elapsed = (
-            (stamp_ns - first_ns) / NANOSECONDS_PER_SECOND
-            for stamp_ns in (self.force.stamp_ns, self.pulses.onset_ns)
-        )
+        forces, stamps = self.force, (self.force.stamp_ns, self.pulses.onset_ns)
+        first_ns = forces.stamp_ns.min() if len(forces) else 0
+        elapsed = ((one - first_ns) / NANOSECONDS_PER_SECOND for one in stamps)
         here, chosen = ((time >= start) & (time <= end) for time in elapsed)
         if not here.any():
             fault = f'expected force between {start} s and {end} s'
             raise RecordingError(f'{fault}, got {self.duration:.3f} s of it')
         before = np.concatenate(([0], np.cumsum(here)))
-        kept = self.force.stamp_ns[here], self.force.force[here]
         part = replace(
             self.recording,
             pulses=self.pulses[chosen],
-            forces=ForceTrace(*kept, self.force.frame_id),
+            forces=ForceTrace(forces.stamp_ns[here], forces.force[here], forces.frame_id),
             pulse_received_ns=self.recording.pulse_received_ns[chosen],
             force_received_ns=self.recording.force_received_ns[here],
             samples_before_pulse=before[self.recording.samples_before_pulse[chosen]],
@@ -259,6 +255,13 @@ class Session:
         options = IdentificationOptions(estimator, chosen, rate_hz, seed)
         estimates = identified(self.recording, options, progress, most_estimates)
         return Identification(self, estimates, result_of(self.recording, estimates))
+
+
+def new_figure(height: float) -> 'Figure':
+    """Return a figure of ``matplotlib.pyplot``, which notebooks show, so high [inch]."""
+    from matplotlib import pyplot as plt
+
+    return plt.figure(figsize=(12.0, height), layout='constrained')
 
 
 def _rate(stamp_ns: IntArray) -> float | None:

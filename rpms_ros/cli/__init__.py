@@ -85,8 +85,7 @@ def parser() -> argparse.ArgumentParser:
 def _unknown(arguments: argparse.Namespace, unknown: Sequence[str]) -> str:
     """Return what is wrong with arguments that a command does not know."""
     # A shell makes many names of a star.
-    names = not any(text.startswith('-') for text in unknown)
-    if not (names and hasattr(arguments, 'bag')):
+    if any(text.startswith('-') for text in unknown) or not hasattr(arguments, 'bag'):
         return f'unrecognized arguments: {" ".join(unknown)}'
     return f'expected one recording, got {len(unknown) + 1}'
 

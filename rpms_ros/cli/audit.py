@@ -64,8 +64,7 @@ def report(path: Path, found: 'Audit') -> list[str]:
 
 
 def _verdict(path: Path, found: 'Audit') -> Iterator[str]:
-    verdict = 'BROKEN' if found.fault else 'whole'
-    yield f'{path}: {len(found.records)} records, {verdict}'
+    yield f'{path}: {len(found.records)} records, {"BROKEN" if found.fault else "whole"}'
     if found.fault:
         yield f'  first broken {found.fault}'
         yield '               nothing from there on can be trusted'
@@ -82,10 +81,9 @@ def _verdict(path: Path, found: 'Audit') -> Iterator[str]:
 def _line(record: 'Record') -> str:
     """Return one record: sessions stand out."""
     content = record.content
-    fields = {name: value for name, value in content.items() if name not in _STAMPS}
     time = str(content['time'])[:19].replace('T', ' ')
     # what is no plain letter is escaped
-    said = json.dumps(fields)
+    said = json.dumps({name: value for name, value in content.items() if name not in _STAMPS})
     if content['kind'] == 'session':
         return f'session at {time} UTC: {said}'
     return f'  {time[11:]}  {printable(str(content["kind"])):<12} {said}'

@@ -113,7 +113,6 @@ def node_parameters(arguments: argparse.Namespace) -> dict[str, dict[str, Any]]:
         # the nodes may run elsewhere
         scenario = str(Path(scenario).resolve())
     estimator = arguments.estimator or ('tracking' if scenario else 'recursive')
-    page = {} if arguments.live is None else {LIVE_PAGE: {'port': arguments.live}}
     return {
         PLANT: {
             'rate': 1000.0,
@@ -125,7 +124,7 @@ def node_parameters(arguments: argparse.Namespace) -> dict[str, dict[str, Any]]:
             'publication_delay': 0.05,
         },
         IDENTIFIER: {'estimator': estimator, 'preset': arguments.preset},
-        **page,
+        **({} if arguments.live is None else {LIVE_PAGE: {'port': arguments.live}}),
     }
 
 
@@ -188,13 +187,12 @@ def _show(
         line = f'{elapsed:5.1f} s  nodes are starting; the first time they compile for minutes'
     else:
         last, counts = estimates[-1], launcher.recorder.counts
-        lost = launcher.recorder.lost.get('force', 0)
         parameters = zip(last.nonlinear_names, last.nonlinear, strict=True)
         found = '  '.join(f'{name} {value:.3g}' for name, value in parameters)
         line = (
             f'{duration - status.time_left:5.1f} s  '
             f'curve error {100 * truth.error(last):5.1f} %  {found}  '
-            f'samples {counts["force"]} (lost {lost})  '
+            f'samples {counts["force"]} (lost {launcher.recorder.lost.get("force", 0)})  '
             f'pulses {counts["pulses"]} (dropped {status.pulses_dropped})'
         )
     print(f'  {line}', flush=True)
@@ -241,5 +239,4 @@ def _report(
     # a scenario makes faults of its own, and a bad sensor loses samples
     wanted = scenario is not None and bool(scenario.sensor_faults)
     flawless = (not lost or wanted) and (not faults or scenario is not None)
-    flawless = flawless and not launcher.monitor.broken_off
-    return 0 if agreement.exact and flawless else 1
+    return 0 if agreement.exact and flawless and not launcher.monitor.broken_off else 1

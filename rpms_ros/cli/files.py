@@ -163,21 +163,19 @@ def run_export(arguments: argparse.Namespace) -> int:
     path = arguments.bag
     recording = read(path, arguments)
     nodes = recorded_messages(recording, memory=arguments.max_memory)
-    findings = [('warning', remark) for remark in recording.facts.remarks]
+    findings = [*recording.facts.remarks]
     if nodes.unreadable:
-        findings.append(('warning', f'{nodes.unreadable} messages could not be decoded'))
+        findings.append(f'{nodes.unreadable} messages could not be decoded')
     if other := {one.unit for one in nodes.estimates} - {recording.unit}:
         units = ', '.join(sorted(other))
-        text = f'expected estimates in {recording.unit}, got {units} (--quantity?)'
-        findings.append(('warning', text))
+        findings.append(f'expected estimates in {recording.unit}, got {units} (--quantity?)')
     if not recording.forces.force.any():
-        text = f'the {recording.quantity} is 0 in all samples (--axis, --quantity?)'
-        findings.append(('warning', text))
+        findings.append(f'the {recording.quantity} is 0 in all samples (--axis, --quantity?)')
     estimates = estimate_table(nodes.estimates) if nodes.estimates else None
     what = (recording, path.resolve().name, estimates, arguments.anonymous)
     written_whole(arguments.out, lambda place: write_tables(place, *what))
     pulses, samples = len(recording.pulses), len(recording.forces)
     counts = f'{counted(pulses, "pulse")}, {counted(samples, "sample")}'
     print(f'{arguments.out}: {counts}, {len(nodes.estimates)} estimates')
-    warn(findings)
+    warn(('warning', text) for text in findings)
     return INCOMPLETE if findings else SUCCESS

@@ -87,9 +87,8 @@ def run(arguments: argparse.Namespace) -> int:
     history = TemporalSummation.of_file(law) if law else None
     options = replace(options_of(IdentificationOptions, arguments), history=history)
     recording = read(arguments.bag, arguments)
-    samples = len(recording.forces)
     compile_estimator(options.build, arguments.quiet)
-    with progress('identifying', samples, 'samples', arguments.quiet) as advance:
+    with progress('identifying', len(recording.forces), 'samples', arguments.quiet) as advance:
         # The result is the last estimate; figures, and whether the muscle changed, need more.
         most = _MOST_ESTIMATES if arguments.out or arguments.estimator == FOLLOWER else 1
         session = identified(recording, options, advance, most)

@@ -24,8 +24,7 @@ def add_live(subparsers: Subparsers) -> None:
     add_option(parser, '--address A', '127.0.0.1', text)
     text = 'name of this machine under which the page may be asked for, beside addresses'
     add_option(parser, '--allow-name NAME', [], text, action='append', type=str)
-    group = parser.add_argument_group('an additional stop')
-    either = group.add_mutually_exclusive_group()
+    either = parser.add_argument_group('an additional stop').add_mutually_exclusive_group()
     either.add_argument('--stop', action='store_true', help='offer it, with a new token')
     text = 'offer it, with the token in a file that its owner alone can read'
     add_option(either, '--token-file FILE', None, text, type=Path)

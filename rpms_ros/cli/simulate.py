@@ -40,8 +40,7 @@ def add_simulate(subparsers: Subparsers) -> None:
     add_option(group, '--intensity SHARE', 1.0, 'of the constant schedule, share of the maximum')
     add_option(group, '--seed', 1, 'of pulses, noise and random subject')
     group = parser.add_argument_group('muscle and force sensor')
-    text = 'the truth is recorded as well (default: a steady muscle)'
-    add_simulation_options(group, text)
+    add_simulation_options(group, 'the truth is recorded as well (default: a steady muscle)')
     text = (
         'another kind than that of the model, arctan: a recruitment of another shape, or motor '
         'units that sum by calcium (ding)'

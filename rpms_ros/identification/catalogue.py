@@ -168,8 +168,7 @@ def _loaded(point: EntryPoint, options: EstimatorOptions) -> Estimator:
             f'expected the estimator {point.name!r} at {point.value}, '
             f'got {type(error).__name__}: {error}'
         ) from error
-    lacking = [part for part in _PARTS if not hasattr(estimator, part)]
-    if lacking:
+    if lacking := [part for part in _PARTS if not hasattr(estimator, part)]:
         raise IdentificationError(
             f'expected {", ".join(lacking)} in the estimator {point.name!r}, '
             f'got {type(estimator).__name__}'

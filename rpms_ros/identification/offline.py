@@ -14,7 +14,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -88,10 +89,8 @@ def output_error(
 def settled(stamp_ns: IntArray) -> BoolArray:
     """Return which samples (samples,) are past `SETTLING_TIME`, or past the middle if earlier."""
     # A jump back of the clock does not reduce the time that has passed.
-    elapsed = np.zeros_like(stamp_ns)
-    np.cumsum(np.maximum(np.diff(stamp_ns), 0), out=elapsed[1:])
-    least = min(SETTLING_TIME * NANOSECONDS_PER_SECOND, 0.5 * float(elapsed[-1]))
-    return elapsed >= least
+    elapsed = np.cumsum(np.maximum(np.diff(stamp_ns, prepend=stamp_ns[:1]), 0))
+    return elapsed >= min(SETTLING_TIME * NANOSECONDS_PER_SECOND, 0.5 * float(elapsed[-1]))
 
 
 # Longer than any recording [s].
@@ -156,10 +155,6 @@ class _Trace(Monitor):
         self.cells.append(samples)
         return {}
 
-    def column(self, name: str) -> Any:
-        """Return one of the arrays over all samples (samples,)."""
-        return np.concatenate([getattr(cell, name) for cell in self.cells])
-
 
 def identify(
     estimator: Estimator,
@@ -217,7 +212,8 @@ def identify(
         raise IdentificationError(_why_nothing(forces.force, settings.largest_force))
     muscle = estimator.fitted() if isinstance(estimator, ProjectionEstimator) else None
     muscle = muscle if estimates[-1].curve_known else None
-    columns = {name: trace.column(name) for name in ('stamp_ns', 'force', 'prediction', 'usable')}
+    names = ('stamp_ns', 'force', 'prediction', 'usable')
+    columns = {name: np.concatenate([getattr(one, name) for one in trace.cells]) for name in names}
     return IdentifiedSession(estimates, muscle=muscle, **columns)
 
 
@@ -313,13 +309,11 @@ def in_time(pulses: PulseTrain, forces: ForceTrace, gap_ns: int) -> IntArray:
     starts = _line_starts(forces.stamp_ns, gap_ns)
     onsets = _line_starts(pulses.onset_ns, gap_ns)
     before = np.full(len(pulses), len(forces), dtype=np.int64)
-    for place, first in enumerate(onsets[: len(starts)]):
-        last = onsets[place + 1] if place + 1 < min(len(onsets), len(starts)) else len(pulses)
-        start = starts[place]
-        stop = starts[place + 1] if place + 1 < len(starts) else len(forces)
+    lines = pairwise([*starts, len(forces)]), pairwise([*onsets[: len(starts)], len(pulses)])
+    for (start, stop), (first, last) in zip(*lines, strict=False):
         stamps = np.maximum.accumulate(_settled(forces.stamp_ns[start:stop], gap_ns))
         # The second sample of a time line confirms that the clock has jumped.
-        least = start + 2 if place else 0
+        least = start + 2 if start else 0
         found = start + np.searchsorted(stamps, pulses.onset_ns[first:last])
         before[first:last] = np.minimum(np.maximum(found, least), len(forces))
     return before
@@ -331,8 +325,7 @@ def _settled(stamp_ns: IntArray, gap_ns: int) -> IntArray:
     Otherwise one wrong stamp would make all later samples look late.
     """
     settled = stamp_ns.copy()
-    ahead = np.flatnonzero(np.diff(stamp_ns) > gap_ns) + 1
-    for place in ahead.tolist():
+    for place in (np.flatnonzero(np.diff(stamp_ns) > gap_ns) + 1).tolist():
         if place + 1 < len(stamp_ns) and stamp_ns[place + 1] - stamp_ns[place - 1] <= gap_ns:
             settled[place] = settled[place - 1]
     return settled
@@ -340,9 +333,8 @@ def _settled(stamp_ns: IntArray, gap_ns: int) -> IntArray:
 
 def _line_starts(stamp_ns: IntArray, gap_ns: int) -> list[int]:
     """Return 0 and the places where stamps (n,) jump back by more than a gap for good."""
-    back = np.flatnonzero(np.diff(stamp_ns) < -gap_ns) + 1
     starts = [0]
-    for place in back:
+    for place in np.flatnonzero(np.diff(stamp_ns) < -gap_ns) + 1:
         # A single wrong stamp is no new time line: the stamps after it have to follow it.
         before, here = int(stamp_ns[place - 1]), int(stamp_ns[place])
         after = int(stamp_ns[place + 1]) if place + 1 < len(stamp_ns) else here

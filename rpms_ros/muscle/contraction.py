@@ -165,8 +165,7 @@ def _advance(
 def repetition_rates(onset_ns: IntArray) -> FloatArray:
     """Return the rate [Hz] of each of ascending pulses (pulses,), 0 of the first."""
     rate = np.zeros(len(onset_ns))
-    interval = np.maximum(np.diff(onset_ns), REFRACTORY_NS) / NANOSECONDS_PER_SECOND
-    rate[1:] = 1.0 / interval
+    rate[1:] = 1.0 / (np.maximum(np.diff(onset_ns), REFRACTORY_NS) / NANOSECONDS_PER_SECOND)
     return rate
 
 
@@ -259,12 +258,10 @@ class Contraction:
             return np.empty(0)
         if (np.diff(stamps) < 0).any():
             raise MuscleError('expected ascending times, got one that goes back')
-        acting = self._acting()
-        effective = acting[0]
+        effective, weight, share = self._acting()
         if self._reference_ns is None:
-            first = min(int(stamps[0]), int(effective.min(initial=stamps[0])))
             # a pulse of a clock that was never set: no memory would hold its cells
-            first = max(first, int(stamps[0]) - _LONGEST_PAST_NS)
+            first = max(int(effective.min(initial=stamps[0])), int(stamps[0]) - _LONGEST_PAST_NS)
             self._reference_ns = first // CELL_NS * CELL_NS
         if stamps[0] < self._reference_ns:
             fault = f'expected times from {self._reference_ns} ns on, got {stamps[0]} ns'
@@ -275,7 +272,7 @@ class Contraction:
         at = self._elapsed(cells * CELL_NS)
         slow = self._timeline('time_constant', at) / self.subject.time_constant
         scripted = np.column_stack((slow, self._timeline('gain', at)))
-        pulses = effective[order], acting[1][order], acting[2][order]
+        pulses = effective[order], weight[order], share[order]
         muscle = self._rates, self._moments, self._state, self._reference_ns
         force, used, self._reference_ns = _advance(stamps, pulses, first_cell, scripted, *muscle)
         self._drop(order[:used])

@@ -110,7 +110,7 @@ class MotorUnits(Contraction):
         stamps = np.atleast_1d(np.asarray(stamp_ns, dtype=np.int64))
         begin_ns = self._onset_ns + nanoseconds(self.subject.latency)
         if self._reference_ns is None:
-            self._reference_ns = min(int(stamps[0]), int(begin_ns.min(initial=stamps[0])))
+            self._reference_ns = int(begin_ns.min(initial=stamps[0]))
         due = int(np.searchsorted(begin_ns, stamps[-1], side='right'))
         acting = begin_ns[:due], self._intensity[:due], self._threshold
         force = _contract(stamps, *acting, self._reference_ns, self._units)

@@ -197,8 +197,7 @@ class RateRecruitment:
         last_ns : int or None
             Onset of the pulse before them [ns]; None: there was none.
         """
-        before = onset_ns[:1] if last_ns is None else [last_ns]
-        interval = np.diff(onset_ns, prepend=before)
+        interval = np.diff(onset_ns, prepend=onset_ns[:1] if last_ns is None else [last_ns])
         rate = NANOSECONDS_PER_SECOND / np.maximum(interval, REFRACTORY_NS)
         if last_ns is None:
             rate[:1] = 0.0
@@ -276,11 +275,10 @@ def arctan_recruitment_with_gradient(
 
 
 @numba.njit(cache=True)
-def _evaluate_all(intensity: FloatArray, theta: FloatArray, rho: FloatArray) -> None:
-    """Write rho (n,) at intensities (n,)."""
+def _evaluate_all(intensity: FloatArray, theta: FloatArray) -> FloatArray:
+    """Return rho (n,) at intensities (n,)."""
     offset = arctan_recruitment(0.0, theta)
-    for index in range(len(intensity)):
-        rho[index] = arctan_recruitment(intensity[index], theta) - offset
+    return np.array([arctan_recruitment(one, theta) - offset for one in intensity])
 
 
 def identified_recruitment(
@@ -301,6 +299,5 @@ def identified_recruitment(
         Recruitment, without the gain, which is part of the linear dynamics; 0 at intensity 0.
     """
     values = np.asarray(intensity, dtype=np.float64)
-    rho = np.empty(values.size)
-    _evaluate_all(values.ravel(), np.array(parameters, dtype=np.float64), rho)
+    rho = _evaluate_all(values.ravel(), np.array(parameters, dtype=np.float64))
     return rho.reshape(values.shape)

@@ -149,9 +149,8 @@ class Tremor:
     def force(self, time: FloatArray) -> FloatArray:
         """Return the force [N] (samples,)."""
         since = time - self.at
-        inside = (since >= 0.0) & (since < (self.duration or math.inf))
         wave = self.amplitude * np.sin(2.0 * math.pi * self.frequency * since)
-        return np.where(inside, wave, 0.0)
+        return np.where((since >= 0.0) & (since < (self.duration or math.inf)), wave, 0.0)
 
 
 Effort = VoluntaryEffort | Spasm | Tremor | Bump
@@ -275,8 +274,7 @@ def _scenario(content: object) -> Scenario:
 
 def _effort(content: object, place: str) -> Effort:
     keys = _mapping(content, place)
-    kind = keys.get('kind')
-    if not isinstance(kind, str) or kind not in _EFFORTS:
+    if not isinstance(kind := keys.get('kind'), str) or kind not in _EFFORTS:
         raise _Fault(
             join(place, 'kind') if 'kind' in keys else place,
             f'expected a kind of {", ".join(_EFFORTS)}, got {shown(kind)}',
@@ -332,7 +330,6 @@ def _several(
     keys: Mapping[str, Any], name: str, build: Callable[[object, str], T]
 ) -> tuple[T, ...]:
     """Return what is built of the items of a list and their places."""
-    found = keys.get(name, [])
-    if not isinstance(found, list):
+    if not isinstance(found := keys.get(name, []), list):
         raise _Fault(name, f'expected a list, got {shown(found)}')
     return tuple(build(item, f'{name}[{index}]') for index, item in enumerate(found))

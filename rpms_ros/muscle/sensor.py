@@ -111,23 +111,17 @@ class Sensor:
             time = (stamp_ns - self._origin_ns) / NANOSECONDS_PER_SECOND
             measured += settings.drift * np.sin(2 * np.pi * time / settings.drift_period)
         if settings.artifact and len(onset_ns):
-            measured += self._artifact(stamp_ns, onset_ns, intensity)
+            # of the latest pulse at each sample
+            latest = np.searchsorted(onset_ns, stamp_ns, side='right') - 1
+            pulse = np.maximum(latest, 0)
+            lag = np.maximum((stamp_ns - onset_ns[pulse]) / NANOSECONDS_PER_SECOND, 0.0)
+            peak = settings.artifact * intensity[pulse]
+            measured += np.where(latest >= 0, peak * np.exp(-lag / settings.artifact_decay), 0.0)
         return np.clip(measured, -settings.saturation, settings.saturation)
 
-    def _artifact(
-        self, stamp_ns: IntArray, onset_ns: IntArray, intensity: FloatArray
-    ) -> FloatArray:
-        """Return the artifact of the latest pulse at each sample (samples,) [N]."""
-        latest = np.searchsorted(onset_ns, stamp_ns, side='right') - 1
-        lag = (stamp_ns - onset_ns[np.maximum(latest, 0)]) / NANOSECONDS_PER_SECOND
-        decay = np.exp(-np.maximum(lag, 0.0) / self.disturbances.artifact_decay)
-        peak = self.disturbances.artifact * intensity[np.maximum(latest, 0)]
-        return np.where(latest >= 0, peak * decay, 0.0)
 
-
-FROZEN, CLIPPED, SCALED, OFFSET = 'frozen', 'clipped', 'scaled', 'offset'
-LOST, DOUBLED = 'lost', 'doubled'
-KINDS = (FROZEN, CLIPPED, SCALED, OFFSET, LOST, DOUBLED)
+KINDS = ('frozen', 'clipped', 'scaled', 'offset', 'lost', 'doubled')
+FROZEN, CLIPPED, SCALED, OFFSET, LOST, DOUBLED = KINDS
 
 
 @dataclass(frozen=True)

@@ -186,8 +186,7 @@ class Timeline:
 
     def __call__(self, name: str, time: FloatArray) -> FloatArray:
         """Return the values of `name` at times from the start (...) [s], same shape."""
-        at, value = self._knots[name]
-        return np.interp(time, at, value)
+        return np.interp(time, *self._knots[name])
 
 
 def _require_apart(time: float, threshold: float, saturation: float) -> None:
@@ -201,8 +200,7 @@ def _knots(name: str, start: float, changes: Sequence[Change]) -> tuple[FloatArr
     """Return times and values (knots,) of the piecewise linear course of the changes."""
     at, value = [0.0], [start]
     for change in changes:
-        target = getattr(change, name)
-        if target is None:
+        if (target := getattr(change, name)) is None:
             continue
         # a change that begins during the one before it replaces the rest of that one
         begin = change.at if change.over > 0.0 else change.at - _STEP_S

@@ -53,8 +53,7 @@ def twitch(lag: npt.ArrayLike, time_constant: float, order: float = 3) -> FloatA
     power = order - 1.0
     if power == 0.0:
         return np.where(scaled >= 0.0, np.exp(-active), 0.0)
-    shape = (active / power) ** power * np.exp(power - active)
-    return np.where(scaled > 0.0, shape, 0.0)
+    return np.where(scaled > 0.0, (active / power) ** power * np.exp(power - active), 0.0)
 
 
 def twitch_area(time_constant: float, order: float = 3) -> float:
@@ -107,8 +106,7 @@ def summed_twitches(
     check_number(MuscleError, 'repetition rate', rate_hz, 0, above=True, unit='Hz')
     moments = np.asarray(time, dtype=np.float64)
     total = np.zeros_like(moments)
-    last = float(moments.max(initial=0.0))
-    for index in range(math.floor(last * rate_hz) + 1):
+    for index in range(math.floor(moments.max(initial=0.0) * rate_hz) + 1):
         total += twitch(moments - index / rate_hz, time_constant, order)
     return total
 

@@ -317,8 +317,7 @@ def _narrow(path: TimeCourse, inside: np.ndarray) -> np.ndarray:
     """Return the estimates at which a quantity is known well enough to be compared."""
     half = 0.5 * (path.upper - path.lower)
     with np.errstate(invalid='ignore'):
-        chosen = inside & path.known & (half <= _NARROW * np.abs(path.value))
-    return np.flatnonzero(chosen)
+        return np.flatnonzero(inside & path.known & (half <= _NARROW * np.abs(path.value)))
 
 
 def _ratio(path: TimeCourse, first: int, last: int) -> tuple[float, float]:

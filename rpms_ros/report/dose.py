@@ -2,9 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Schedule and dose of a session, read off its pulses."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -72,8 +70,8 @@ def dose_of(pulses: PulseTrain, start_ns: int) -> Dose:
         pulses=len(onset),
         trains=int(np.count_nonzero(steps > TRAIN_GAP)) + bool(len(onset)),
         stimulated_s=float(steps[within].sum()),
-        rate_hz=_spread(1.0 / steps[within], 'median', np.median),
-        intensity=_spread(intensity, 'mean', np.mean),
+        rate_hz=_spread(1.0 / steps[within], 'median'),
+        intensity=_spread(intensity, 'mean'),
         pulse_width_s=tuple(np.unique(width[np.isfinite(width)]).tolist()),
         full_intensity_pulses=float(np.sum(intensity**2)),
         onset_s=(onset - start_ns) / NANOSECONDS_PER_SECOND,
@@ -81,10 +79,8 @@ def dose_of(pulses: PulseTrain, start_ns: int) -> Dose:
     )
 
 
-def _spread(
-    values: FloatArray, name: str, middle: Callable[[FloatArray], Any]
-) -> dict[str, float] | None:
+def _spread(values: FloatArray, middle: str) -> dict[str, float] | None:
     if not len(values):
         return None
     low, high = float(values.min()), float(values.max())
-    return {'lowest': low, name: float(middle(values)), 'highest': high}
+    return {'lowest': low, middle: float(getattr(np, middle)(values)), 'highest': high}

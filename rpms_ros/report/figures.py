@@ -71,9 +71,8 @@ def draw_recruitment(
 ) -> None:
     """Draw the recruitment curve with its band, the true one and the intensities used."""
     (place,), last = axes, session.last
-    place.set_title(f'Recruitment at {last.repetition_rate:g} Hz')
-    place.set(xlabel='intensity / share of maximum', xlim=(0.0, 1.0))
-    place.set_ylabel(f'steady mean {quantity(last.unit)}')
+    place.set(title=f'Recruitment at {last.repetition_rate:g} Hz', xlim=(0.0, 1.0))
+    place.set(xlabel='intensity / share of maximum', ylabel=f'steady mean {quantity(last.unit)}')
     intensity = last.curve_intensity
     if truth is not None and truth.comparable(last):
         draw_true(place, truth.intensity, truth.curve_at(last.stamp_ns))
@@ -149,10 +148,9 @@ def _force_of(axes: list[Axes], session: IdentifiedSession, kept: BoolArray, whe
     chosen = chosen[:: max(1, len(chosen) // _MOST_POINTS)]
     time = _elapsed(session)[chosen]
     force, prediction = session.force[chosen], session.shown_prediction[chosen]
-    upper.set_title(f'{QUANTITIES[unit].capitalize()}, {where}')
+    upper.set(title=f'{QUANTITIES[unit].capitalize()}, {where}', ylabel=quantity(unit))
     upper.plot(time, force, color=MEASURED, lw=3.0, label='measured')
     upper.plot(time, prediction, color=MODELLED, lw=0.9, label='modelled, predicted')
-    upper.set_ylabel(quantity(unit))
     lower.plot(time, force - prediction, color=MODELLED, lw=0.7)
     lower.axhline(0.0, color=FAINT, lw=0.6)
     lower.set(ylabel=f'residual / {unit}', xlabel='time / s')
@@ -298,10 +296,9 @@ def draw_course(axes: list[Axes], course: Course, truth: KnownMuscle | None = No
             span.set(facecolor='none', edgecolor='#c8c8c8', hatch='///', linewidth=0.0)
         for change in course.changes:
             place.axvline(change.time_s, color=FAINT, ls=':', lw=1.4)
-    top = axes[0]
+    top, above = axes[0], axes[0].get_xaxis_transform()
     top.set_title('Estimates during the session')
     for change in course.changes:
-        above = top.get_xaxis_transform()
         top.text(change.time_s, 0.99, change.kind, transform=above, va='top', fontsize=9.0)
     axes[-1].set(xlabel='time / s', xlim=(0.0, course.end_s))
 
@@ -326,8 +323,7 @@ def _draw_panel(place: Axes, course: Course, panel: _Panel) -> None:
         seen += [values[inside] for values in (path.value, path.lower, path.upper)]
     found = (values[np.isfinite(values)] for values in seen)
     outside = panel.outside, 100.0 - panel.outside
-    ends = [np.percentile(values, outside) for values in found if len(values)]
-    if not ends:
+    if not (ends := [np.percentile(values, outside) for values in found if len(values)]):
         return
     low, high = float(np.min(ends)), float(np.max(ends))
     least = max(panel.relative * max(abs(low), abs(high)), panel.absolute)

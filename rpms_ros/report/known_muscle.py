@@ -118,8 +118,7 @@ class KnownMuscle(NamedTuple):
         if self.subject is None:
             return None
         constant, order = float(self.at('time_constant', stamp_ns)), self.subject.order
-        full = float(self.curve_at(stamp_ns)[-1])
-        peak = full / (self.rate_hz * twitch_area(constant, order))
+        peak = float(self.curve_at(stamp_ns)[-1]) / (self.rate_hz * twitch_area(constant, order))
         return peak * twitch(time_s - float(self.at('latency', stamp_ns)), constant, order)
 
     def comparable(self, estimate: Estimate) -> bool:
@@ -166,9 +165,7 @@ def known_muscle(
         Rate for which the curve is stated, where the notes tell the muscle [Hz].
     """
     subject = _noted_subject(notes)
-    found = of_truths(truths, subject)
-    if found is None and subject is not None:
-        found = of_subject(subject, rate_hz)
+    found = of_truths(truths, subject) or (of_subject(subject, rate_hz) if subject else None)
     # the notes of a recording need not describe a possible muscle
     if found is None or not np.isfinite(found.curve).all() or not (found.curve.max(1) > 0).all():
         return None

@@ -161,7 +161,6 @@ def _totals(before: DriverTotals | None, status: Any) -> DriverTotals:
     hottest = float(status.coil_temperature)
     if before is not None and before.highest_temperature_celsius >= hottest:
         hottest = before.highest_temperature_celsius
-    counts = [int(count) for count in status.fault_counts]
     return DriverTotals(
         pulses_delivered=int(status.pulses_delivered),
         pulses_dropped=int(status.pulses_dropped),
@@ -169,7 +168,7 @@ def _totals(before: DriverTotals | None, status: Any) -> DriverTotals:
         highest_temperature_celsius=hottest,
         lateness_max_s=float(status.lateness_max),
         schedule=str(status.schedule) or (None if before is None else before.schedule),
-        faults=dict(zip(map(str, status.fault_names), counts, strict=True)),
+        faults=dict(zip(map(str, status.fault_names), map(int, status.fault_counts), strict=True)),
     )
 
 
@@ -202,8 +201,7 @@ def estimate_table(estimates: Sequence[Estimate]) -> tuple[IntArray, dict[str, l
 
 def _numbers(one: Estimate) -> dict[str, float]:
     found = dict(zip(one.nonlinear_names, one.nonlinear.tolist(), strict=False))
-    variances = np.diag(one.nonlinear_covariance).tolist()
-    for name, variance in zip(list(found), variances, strict=False):
+    for name, variance in zip(list(found), np.diag(one.nonlinear_covariance), strict=False):
         if variance >= 0.0:
             found[f'{name}_deviation'] = float(np.sqrt(variance))
     names = [f'steady_force_{share}' for share in _SHARES]
@@ -236,8 +234,7 @@ def _banded(
 def _texts(one: Estimate) -> dict[str, str]:
     faults = json.dumps(dict(one.faults), sort_keys=True)
     found = {'estimator': one.estimator, 'faults': faults, 'doubts': '; '.join(one.doubts)}
-    flags = one.nonlinear_identifiability.tolist()
-    for name, flag in zip(one.nonlinear_names, flags, strict=False):
+    for name, flag in zip(one.nonlinear_names, one.nonlinear_identifiability, strict=False):
         found[f'{name}_determined'] = IDENTIFIABILITY.get(flag, '')
     # no text that a spreadsheet would run
     return {name: spreadsheet_text(printable(text)) for name, text in found.items()}

@@ -92,8 +92,7 @@ def analyse_residuals(
         If there are fewer than 50 samples, their stamps do not ascend, or the residual never
         changes.
     """
-    count = len(residual)
-    if count < _FEWEST_SAMPLES:
+    if (count := len(residual)) < _FEWEST_SAMPLES:
         raise ReportError(f'expected at least {_FEWEST_SAMPLES} residuals, got {count}')
     if np.any(np.diff(stamp_ns) <= 0):
         raise ReportError('expected residuals with ascending stamps, got a clock that jumped')
@@ -138,8 +137,7 @@ def correlation(first: FloatArray, second: FloatArray, before: int, after: int) 
     ndarray (before + after + 1,)
     """
     product = correlate(second, first, method='fft')[len(first) - 1 - before :]
-    scale = float(np.linalg.norm(first) * np.linalg.norm(second))
-    return product[: before + after + 1] / scale
+    return product[: before + after + 1] / (np.linalg.norm(first) * np.linalg.norm(second))
 
 
 def stimulation_at(stamp_ns: IntArray, pulses: PulseTrain) -> FloatArray:
@@ -150,8 +148,7 @@ def stimulation_at(stamp_ns: IntArray, pulses: PulseTrain) -> FloatArray:
     index = np.searchsorted(stamp_ns, pulses.onset_ns, side='left')
     inside = (index < len(stamp_ns)) & (pulses.onset_ns >= stamp_ns[0])
     inside &= np.isfinite(pulses.intensity)
-    weights = pulses.intensity[inside]
-    return np.bincount(index[inside], weights, len(stamp_ns)).astype(np.float64)
+    return np.bincount(index[inside], pulses.intensity[inside], len(stamp_ns)).astype(np.float64)
 
 
 def _share(chosen: BoolArray) -> float:

@@ -237,8 +237,7 @@ class ImpulseResponse:
     @property
     def peak(self) -> Stated:
         """The largest force; ends that are not known are NaN [N]."""
-        place = int(np.argmax(self.force))
-        return _read(self, lambda row: float(row[place]))
+        return _read(self, lambda row: float(row[np.argmax(self.force)]))
 
 
 def _read(found: Curve | ImpulseResponse, value: Callable[[FloatArray], float]) -> Stated:
@@ -484,10 +483,9 @@ def train_rows(found: TrainDynamics, unit: str) -> Iterator[tuple[str, str]]:
         'a gain a pulse': found.fit_gains_percent,
     }
     fit = ', '.join(f'{name} {percent:.1f} %' for name, percent in fits.items())
-    constant = _milliseconds(found.twitch_time_constant_s)
     yield 'trains', f'{trains}, peak {found.peak_force:.4g} {unit}'
     yield f'onset of {QUANTITIES[unit]}', _milliseconds(onset) if onset else 'hidden by noise'
-    yield f'T_a, {model}', f'{constant}, order {found.order}'
+    yield f'T_a, {model}', f'{_milliseconds(found.twitch_time_constant_s)}, order {found.order}'
     yield f'delay of the model, {model}', _milliseconds(found.latency_s)
     yield 'fit', f'{fit} (100 (1 - |residual| / |force - mean|))'
     if found.law:

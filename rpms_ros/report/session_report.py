@@ -117,12 +117,11 @@ def _next_steps(result: IdentificationResult) -> list[str]:
             return steps or [_NO_CURVE]
         known = 'T_a' if result.dynamics is None else 'onset, T_a'
         return steps or [f'Use {known} and latency. {_NO_CURVE}']
-    done = f'--estimator {result.estimator},'
     steps += [
         step
         for reason in verdict.reasons
         for sign, step in _ADVICE
-        if sign in reason and done not in step
+        if sign in reason and f'--estimator {result.estimator},' not in step
     ]
     return list(dict.fromkeys(steps)) or ['Look at the reasons above, and record again.']
 

@@ -133,8 +133,7 @@ class _Analysis:
             responses = self._responses(replace(self.pulses, onset_ns=onset_ns), artifacts)
             twitches = self._twitches(responses)
             # the usual one where no twitch tells
-            order = twitches.choice.order if twitches else 3
-            summation = self._trains(responses, order)
+            summation = self._trains(responses, twitches.choice.order if twitches else 3)
             steady = self._steady(onset_ns, artifacts.found)
             recruitment = self._field(steady)
         counts = Counter(group.kind for group in self.groups)

@@ -104,8 +104,7 @@ def resting_force(
     if groups and trace.stamp_ns[-1] - onset_ns[-1] > NANOSECONDS_PER_SECOND:
         ends.append(int(trace.stamp_ns[-1]) + 1)
     parts = [(end - span // 2, trace.force[trace.between(end - span, end)]) for end in ends]
-    rests = [(time, force) for time, force in parts if len(force)]
-    if not rests:
+    if not (rests := [(time, force) for time, force in parts if len(force)]):
         return None
     return Baseline(
         np.array([time for time, _ in rests]),
@@ -236,8 +235,7 @@ def fit_field(points: Sequence[SteadyPoint]) -> FieldAnalysis:
     intensity = np.array([point.intensity for point in points])
     rate = np.array([point.rate_hz for point in points])
     force = np.array([point.force for point in points])
-    levels = len(np.unique(np.round(intensity, 3)))
-    if levels < _LEAST_INTENSITIES:
+    if (levels := len(np.unique(np.round(intensity, 3)))) < _LEAST_INTENSITIES:
         fault = f'expected steady forces at {_LEAST_INTENSITIES} intensities or more, got {levels}'
         raise IdentificationError(fault)
     top = float(force.max())

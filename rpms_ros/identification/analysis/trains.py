@@ -104,9 +104,8 @@ class TrainLaw(HistoryLaw):
 
     def gains(self, onset: FloatArray) -> FloatArray:
         """Return p of pulses at ascending onsets (pulses,) [s]."""
-        decay = np.exp(-np.diff(onset) / self.facilitation_decay)
         left = np.zeros(len(onset))
-        for index, share in enumerate(decay):
+        for index, share in enumerate(np.exp(-np.diff(onset) / self.facilitation_decay)):
             left[index + 1] = (left[index] + 1.0) * share
         return 1.0 + self.facilitation * left
 
@@ -377,8 +376,7 @@ def fit_history(trains: Sequence[Response], equal: Sequence[TrainFit], order: in
     centre = TrainLaw().logarithms
     count = len(trains)
     # the prior is weaker where equal pulses already explain the trains well
-    misfit = float(np.mean([1.0 - fit.fit / 100.0 for fit in equal]))
-    prior = _PRIOR * min(1.0, misfit / 0.1)
+    prior = _PRIOR * min(1.0, float(np.mean([1.0 - fit.fit / 100.0 for fit in equal])) / 0.1)
 
     def residual(theta: FloatArray) -> FloatArray:
         law = TrainLaw.of_logarithms(theta[:_NUMBERS])
@@ -388,22 +386,18 @@ def fit_history(trains: Sequence[Response], equal: Sequence[TrainFit], order: in
 
     # the law's own saturation and lag take part of what T_a and latency explain for equal pulses
     start = [(0.6 * fit.latency, max(0.7 * fit.time_constant, _FASTEST)) for fit in equal]
-    lowest, highest = np.tile(_LOWEST, count), np.tile(_HIGHEST, count)
-    lengths = [int(train.usable.sum()) for train in trains]
+    lowest = np.concatenate((centre - _REACH, np.tile(_LOWEST, count)))
+    highest = np.concatenate((centre + _REACH, np.tile(_HIGHEST, count)))
     # the law acts on every residual, latency and T_a on those of their train
-    blocks = [*(np.ones((k, 2)) for k in lengths), np.zeros((_NUMBERS, 0))]
+    blocks = [*(np.ones((train.usable.sum(), 2)) for train in trains), np.zeros((_NUMBERS, 0))]
     own: Any = scipy.sparse.block_diag(blocks)
     common = scipy.sparse.coo_array(np.ones((own.shape[0], _NUMBERS)))
-    sparsity = scipy.sparse.hstack((common, own))
     found = scipy.optimize.least_squares(
         residual,
-        np.concatenate((centre, np.clip(np.ravel(start), lowest + 1e-6, highest))),
-        bounds=(
-            np.concatenate((centre - _REACH, lowest)),
-            np.concatenate((centre + _REACH, highest)),
-        ),
+        np.clip(np.concatenate((centre, np.ravel(start))), lowest + 1e-6, highest),
+        bounds=(lowest, highest),
         x_scale=np.concatenate((np.full(_NUMBERS, 0.3), np.full(2 * count, _TIME_SCALE))),
-        jac_sparsity=sparsity,
+        jac_sparsity=scipy.sparse.hstack((common, own)),
         max_nfev=60,
     )
     return TrainLaw.of_logarithms(found.x[:_NUMBERS])

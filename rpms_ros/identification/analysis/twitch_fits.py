@@ -36,8 +36,8 @@ from rpms_ros.pulses import FloatArray, IntArray
 
 _ENDING = Ending(steps=60, tolerance=1e-9, least_cost=1e-18)
 # Bounds of onset [s] and ln of the time constant [ln s].
-_LOWER = (-0.02, math.log(1e-3))
-_UPPER = (0.2, math.log(0.5))
+_LOWER = np.array([-0.02, math.log(1e-3)])
+_UPPER = np.array([0.2, math.log(0.5)])
 
 
 class Twitches(NamedTuple):
@@ -124,11 +124,10 @@ def _add_normal(rows: FloatArray, peak: float, normal: FloatArray, slope: FloatA
     power = dot(centred[0], centred[0])
     if power <= 0.0:
         return
-    residual = rows[:, 4]
     for i in range(free):
         derivative = centred[i + 1]
         derivative -= dot(derivative, centred[0]) / power * centred[0]
-        slope[i] += peak * dot(derivative, residual)
+        slope[i] += peak * dot(derivative, rows[:, 4])
         for j in range(i + 1):
             normal[i, j] += peak * peak * dot(derivative, centred[j + 1])
             normal[j, i] = normal[i, j]
@@ -143,12 +142,10 @@ def _measure(twitches: Twitches, shape: SharedShape) -> None:
     shape.cost[0] = 0.0
     for index in range(len(twitches.starts) - 1):
         first, last = twitches.starts[index], twitches.starts[index + 1]
+        lag, force = twitches.lag[first:last], twitches.force[first:last]
         rows = shape.rows[first:last]
-        peak, base, error = _fit_line(
-            twitches.lag[first:last], twitches.force[first:last], theta, rows
-        )
-        shape.linear[index, 0] = peak
-        shape.linear[index, 1] = base
+        peak, base, error = _fit_line(lag, force, theta, rows)
+        shape.linear[index] = (peak, base)
         shape.cost[0] += error
         _add_normal(rows, peak, shape.normal, shape.slope)
 
@@ -164,9 +161,8 @@ def _linearise(
 
 @register_jitable
 def _room(_twitches: Twitches, shape: SharedShape, low: FloatArray, high: FloatArray) -> None:
-    for place in range(len(shape.theta)):
-        low[place] = _LOWER[place] - shape.theta[place]
-        high[place] = _UPPER[place] - shape.theta[place]
+    low[:] = _LOWER - shape.theta
+    high[:] = _UPPER - shape.theta
 
 
 @register_jitable
@@ -282,8 +278,7 @@ class TwitchFits:
 
     def chosen(self, mask: FloatArray) -> 'TwitchFits':
         """Return the twitches of a mask or of indices."""
-        arrays = self.intensity, self.samples, self.table
-        return TwitchFits(self.orders, *(array[mask] for array in arrays))
+        return TwitchFits(self.orders, self.intensity[mask], self.samples[mask], self.table[mask])
 
 
 @numba.njit(cache=True, nogil=True)
@@ -341,9 +336,8 @@ def fit_twitches(
     with ThreadPoolExecutor(2) as pool:
         for index, _ in enumerate(pool.map(fit, range(len(responses)))):
             progress(index + 1, len(responses))
-    intensity = np.array([item.intensity for item in responses])
     samples = np.array([int(item.usable.sum()) for item in responses], dtype=np.int64)
-    return TwitchFits(orders, intensity, samples, table)
+    return TwitchFits(orders, np.array([item.intensity for item in responses]), samples, table)
 
 
 @dataclass(frozen=True)

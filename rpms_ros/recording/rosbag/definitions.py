@@ -99,8 +99,7 @@ def types_of(type_name: str, text: str, encoding: str) -> Typestore:
     RecordingError
         If the definition cannot be used, or is missing and the type is not known either.
     """
-    known = type_name in known_types().fielddefs
-    if known and (not text or encoding != 'ros2msg'):
+    if type_name in known_types().fielddefs and (not text or encoding != 'ros2msg'):
         return known_types()
     if not text:
         raise RecordingError(f'expected a definition of {type_name} in the recording, got none')
@@ -173,9 +172,8 @@ def _flattened(fielddefs: Types, type_name: str, depth: int = 0) -> Iterator[Fie
         raise TypesysError(f'more than {_DEEPEST} levels')
     for path, (kind, detail) in fielddefs[type_name][1]:
         (element, name), count = ((kind, detail), 1) if kind in (_BASE, _NAME) else detail
-        count = 0 if kind == _SEQUENCE else count
         if element == _BASE:
-            yield Field(path, name[0], count)
+            yield Field(path, name[0], 0 if kind == _SEQUENCE else count)
             continue
         for field in _flattened(fielddefs, name, depth + 1):
             yield Field(f'{path}.{field.path}', field.kind, field.count if kind == _NAME else 0)

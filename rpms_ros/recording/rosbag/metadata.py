@@ -151,8 +151,7 @@ def read_checksums(folder: Path) -> dict[str, str] | None:
         raise RecordingError(f'expected a regular file {path}, got something else')
     with path.open('rb') as file:
         lines = file.read(_LONGEST).decode('utf-8', 'surrogateescape').splitlines()
-    matches = [_LINE.fullmatch(line) for line in lines]
-    found = {match[2]: match[1] for match in matches if match}
+    found = {match[2]: match[1] for match in map(_LINE.fullmatch, lines) if match}
     if not found or len(found) < len(lines):
         raise RecordingError(f'expected lines of SHA-256 and file name in {path}, got others')
     return found

@@ -328,7 +328,6 @@ def read_recording(
 def _facts(
     scan: Scan, schedules: Sequence[RecordedSchedule], frame_ids: Mapping[str, tuple[str, ...]]
 ) -> RecordingFacts:
-    folder = scan.path if scan.path.is_dir() else scan.path.parent
     return RecordingFacts(
         scan.path,
         scan.storage,
@@ -339,7 +338,7 @@ def _facts(
         tuple(scan.findings.remarks),
         tuple(path.name for path in scan.paths),
         tuple(schedules),
-        (folder / SUMS_NAME).exists(),
+        ((scan.path if scan.path.is_dir() else scan.path.parent) / SUMS_NAME).exists(),
     )
 
 

@@ -82,9 +82,8 @@ class Records:
     def select(self, chosen: slice | npt.NDArray[Any]) -> 'Records':
         """Return the messages of a slice, a mask or indices."""
         place = None if self.place is None else self.place[chosen]
-        return Records(
-            self.buffer, self.start[chosen], self.end[chosen], self.time_ns[chosen], place
-        )
+        start, end, time_ns = (one[chosen] for one in (self.start, self.end, self.time_ns))
+        return Records(self.buffer, start, end, time_ns, place)
 
     def message(self, index: int) -> bytes:
         """Return the bytes of one message."""

@@ -64,8 +64,7 @@ class TopicFacts:
     def with_records(self, records: Records) -> 'TopicFacts':
         """Return the facts with more messages."""
         first, last = int(records.time_ns.min()), int(records.time_ns.max())
-        times = np.append(records.time_ns, self.last_ns if self.count else first)
-        steps = np.diff(np.sort(times))
+        steps = np.diff(np.sort(np.append(records.time_ns, self.last_ns if self.count else first)))
         return replace(
             self,
             count=self.count + len(records),
@@ -150,9 +149,8 @@ class Scan:
     def _file(self, path: Path, progress: Progress | None) -> Iterator[tuple[Channel, Records]]:
         with self._opened(path) as file:
             for topic, batch in file.batches():
-                place = np.arange(self._count, self._count + len(topic))
+                whole = replace(batch, place=np.arange(self._count, self._count + len(topic)))
                 self._count += len(topic)
-                whole = replace(batch, place=place)
                 for number in np.unique(topic).tolist():
                     records = whole.select(topic == number)
                     if number not in file.channels:

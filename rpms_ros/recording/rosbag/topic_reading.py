@@ -141,8 +141,7 @@ def _alike(
         if length_at is not None:
             length[:] = gather(records.buffer, records.start[index] + length_at, f'{order}u4')
         index, length = (one[(length > 0) & (length <= size[index])] for one in (index, length))
-        same = (length == length[:1]).all()
-        for value in np.unique(length[:1] if same else length).tolist():
+        for value in np.unique(length[:1] if (length == length[:1]).all() else length).tolist():
             kind = record_type(fields, order, value)
             spare = size[index] - kind.itemsize
             # middlewares round the length of a message up to a multiple of four
@@ -230,8 +229,7 @@ class TopicReading:
         """Decode messages if they may belong to the topic; return how many were kept."""
         if not self._fits(channel.topic) or channel.type_name not in self._types:
             return 0
-        key = channel.topic, channel.type_name
-        candidate = self._candidates.setdefault(key, _Candidate())
+        candidate = self._candidates.setdefault((channel.topic, channel.type_name), _Candidate())
         wanted, string = self._types[channel.type_name], None
         # with a header; of others the time of reception counts
         if channel.type_name in (PULSE, WRENCH_STAMPED):
@@ -282,8 +280,7 @@ class TopicReading:
     def _type(self, scan: Scan, topic: str) -> str:
         """Return the type with most messages among those that can be used."""
         counts = {kind: one.count for (name, kind), one in scan.topics.items() if name == topic}
-        usable = [kind for kind in counts if kind in self._types]
-        if not usable:
+        if not (usable := [kind for kind in counts if kind in self._types]):
             known = ' or '.join(self._types)
             raise RecordingError(f'expected {known} on topic {topic}, got {", ".join(counts)}')
         chosen = max(usable, key=lambda kind: counts[kind])

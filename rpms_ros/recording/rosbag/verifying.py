@@ -85,11 +85,10 @@ def verify(
         If there is nothing that could be read.
     """
     facts = read_facts(path, memory=memory)
-    folder = path if path.is_dir() else path.parent
     count = sum(topic.count for topic in facts.topics)
     structure = f'{count} messages on {len(facts.topics)} topics, {facts.storage}'
     findings = _found('structure', facts.remarks, structure)
-    findings += _checksums(folder, facts)
+    findings += _checksums(path if path.is_dir() else path.parent, facts)
     several, lost = '{topic} had {count} publishers', '{count} messages of {topic} were lost'
     findings += _noted(facts, 'publishers', PUBLISHERS_KEY, 1, several, 'one for each topic')
     findings += _noted(facts, 'lost', LOST_KEY, 0, lost, 'the recorder tells of nothing')

@@ -7,7 +7,7 @@ Arrays become records equal in every byte to what rosbags serialises one by one.
 
 import os
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import IO, Any, NamedTuple, cast
 
@@ -254,11 +254,8 @@ class RecordingWriter:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        if kind is None:
-            self.close()
-            return
         # What was recorded before the failure is worth an index; the failure is what counts.
-        with suppress(RecordingError):
+        with nullcontext() if kind is None else suppress(RecordingError):
             self.close()
 
 

@@ -168,8 +168,7 @@ def segment_from_mapping(mapping: Mapping[str, object], place: str) -> Segment:
     DescriptionError
         If its kind is not known, or something is missing, unknown or out of its bound.
     """
-    kind = mapping.get('kind')
-    if not isinstance(kind, str) or kind not in SEGMENT_KINDS:
+    if not isinstance(kind := mapping.get('kind'), str) or kind not in SEGMENT_KINDS:
         known = ', '.join(sorted([*SEGMENT_KINDS, 'repeat']))
         raise DescriptionError(join(place, 'kind'), f'expected one of {known}, got {shown(kind)}')
     return build(SEGMENT_KINDS[kind], mapping, place, also=('kind',))

@@ -126,10 +126,9 @@ def trains(
     rest_s : float
         Silence after each [s].
     """
-    single = Repeat((Single(1.0, rest_s),), 3)
     bursts = tuple(PulseBurst(1.0, count, 0.02, rest_s) for count in (2, 4))
     given = _with_rests((Constant(rate, duration_s, 1.0) for rate in rates_hz), rest_s)
-    return Schedule((REST, single, *bursts, *given), name='trains')
+    return Schedule((REST, Repeat((Single(1.0, rest_s),), 3), *bursts, *given), name='trains')
 
 
 def recruitment(

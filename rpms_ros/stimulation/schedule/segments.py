@@ -80,8 +80,7 @@ class Repetitive(Segment):
     def pulse_count(self) -> int:
         """Number of periods that begin within the segment: mean rate times duration, upwards."""
         final = self.rate_hz if self.final_rate_hz is None else self.final_rate_hz
-        periods = 0.5 * (self.rate_hz + final) * self.duration_s
-        return max(1, math.ceil(periods - _PERIOD_SLACK))
+        return max(1, math.ceil(0.5 * (self.rate_hz + final) * self.duration_s - _PERIOD_SLACK))
 
     def onsets_ns(self) -> IntArray:
         """Return the times at which the phase f t + (f_end - f) t^2 / (2 T) is whole [ns]."""
