@@ -106,7 +106,7 @@ SITUATIONS = [
     *('filter', 'jitter', 'lost', 'late'),
 ]
 # the last ones are never drawn
-MUSCLES = [*RECRUITMENTS, *SITUATIONS, 'sway', 'second', 'swing']
+MUSCLES = [*RECRUITMENTS, *SITUATIONS, 'sway', 'second', 'swing', 'zeroed']
 # these end as another muscle than they begin
 CHANGING = ('slip', 'rests', 'sway')
 EXCITATIONS = ['random', 'sinusoid', 'upper', 'staircase', 'groups', 'catch']
@@ -259,6 +259,9 @@ def beside(kinds, grid, onset, intensity, generator):
         force += 0.2 * np.sin(2.0 * np.pi * 1.1 * grid) + 0.3 * np.sin(2.0 * np.pi * 0.23 * grid)
     if 'hum' in kinds:
         force += 0.1 * np.sin(2.0 * np.pi * 50.0 * grid) + 0.1 * coloured(generator, len(grid))
+    if 'zeroed' in kinds:
+        # the sensor is zeroed, or its strap slips
+        force -= generator.uniform(-1.0, 1.0) * (grid > generator.uniform(0.2, 0.8) * grid[-1])
     return force
 
 

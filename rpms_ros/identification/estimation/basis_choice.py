@@ -24,6 +24,7 @@ from rpms_ros.identification.estimation.intake import RawSamples
 from rpms_ros.identification.estimation.prior import WindowPrior
 from rpms_ros.identification.estimation.tremor import SEARCHED_NS, line_in
 from rpms_ros.identification.estimation.window_fit import (
+    NO_EVENTS,
     Window,
     WindowFit,
     fresh_fit,
@@ -290,7 +291,11 @@ class BasisChoice:
         """
         present, window = self.fit, self.window
         theta, functions = present.point.theta, basis.functions
-        problem, *_ = raw.condensed(basis, theta, np.zeros(functions), window.first_ns)
+        # by sample: blocks begin with the latency, and with other samples left out the likelihoods
+        # of two bases are not comparable
+        problem, *_ = raw.condensed(
+            basis, theta, np.zeros(functions), window.first_ns, left_out=present.left_out
+        )
         blocks, first = problem.blocks, problem.first
         nothing = fresh_fit(theta, functions)
         if int(blocks.size[0]) < 2:
@@ -309,6 +314,7 @@ class BasisChoice:
             point=present.point._replace(linear=linear),
             levels=present.levels.copy(),
             likelihood=-math.inf,
+            left_out=NO_EVENTS,
         )
         trials = [alike]
         if present.scales.lively >= LIVELY and not rough:
@@ -316,7 +322,6 @@ class BasisChoice:
         for one in trials:
             # likelihoods are comparable only if all weight the samples alike
             one.most_inflation, one.colour = 1.0, present.colour
-            one.left_out = present.left_out
             steps = _ROUGH_STEPS if rough else _STEPS
             gauss_newton_steps(problem, one, self.knowledge, window, steps)
         return max(trials, key=lambda one: one.likelihood)

@@ -30,6 +30,7 @@ from rpms_ros.identification.estimation.normal_equations import (
 )
 from rpms_ros.identification.estimation.settings import Baseline, Problem
 from rpms_ros.identification.estimation.tremor import polynomials, seconds, waves
+from rpms_ros.identification.estimation.window_fit import INTERVAL_NS, NO_EVENTS
 from rpms_ros.identification.model.basis import LaguerreBasis, transition_generator
 from rpms_ros.identification.model.recruitment import counted
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray
@@ -200,7 +201,6 @@ def add_samples(
     return begun, prediction
 
 
-@numba.njit(cache=True)
 def predict(
     stamp_ns: IntArray,
     pending: PendingPulses,
@@ -213,33 +213,13 @@ def predict(
 
     The state of the intake does not change.
     """
-    blocks, baseline, begin_ns = problem.blocks, problem.baseline, pending.begin_ns
-    known = blocks.size[0] > 0 and intake.fresh[0] == 0.0
-    start = blocks.start_ns[newest(blocks)] if known else stamp_ns[0]
-    state, response = intake.state.copy(), intake.response.copy()
-    if not known:
-        state[:] = 0.0
-        response[:] = 0.0
-    values, expected = np.empty(len(state)), np.empty(len(stamp_ns))
-    begun = 0
-    for index in range(len(stamp_ns)):
-        stamp = stamp_ns[index]
-        while begun < len(begin_ns) and begin_ns[begun] < stamp:
-            transition_generator(rate * 1e-9 * max(begin_ns[begun] - start, 0), values)
-            advance_state(values, state)
-            size = counted(pending.intensity[begun], pending.weight[begun], muscle.theta)
-            state += problem.input_gain * size
-            correlate(muscle.linear, state, response)
-            start = begin_ns[begun]
-            begun += 1
-        transition_generator(rate * 1e-9 * (stamp - start), values)
-        total = 0.0
-        for function in range(len(values)):
-            total += response[function] * values[function]
-        position = near_knots(position_of(stamp, baseline), baseline)
-        total += (1.0 - position) * muscle.levels[0] + position * muscle.levels[1]
-        expected[index] = total
-    return expected
+    blocks, newest_two = problem.blocks, empty_blocks(2, len(intake.state))
+    if int(blocks.size[0]):
+        newest_two.start_ns[0], newest_two.size[0] = blocks.start_ns[newest(blocks)], 1
+    copied = Intake(**{name: one.copy() for name, one in intake._asdict().items()})
+    nothing = np.zeros(len(stamp_ns))
+    ahead = problem._replace(blocks=newest_two)
+    return add_samples(stamp_ns, nothing, nothing > 0.0, pending, ahead, copied, muscle, rate)[1]
 
 
 # Least distance of samples that are kept: more are not needed to choose a basis [ns].
@@ -346,6 +326,7 @@ class RawSamples:
         linear: FloatArray,
         first_ns: int,
         capacity: int | None = None,
+        left_out: IntArray = NO_EVENTS,
     ) -> tuple[Problem, Intake, int, FloatArray]:
         """Return the blocks of another basis, from a time on.
 
@@ -359,6 +340,8 @@ class RawSamples:
             Samples from here on are fitted [ns]; pulses before lead the state up to it.
         capacity : int or None
             Room for blocks; None for what is needed.
+        left_out : ndarray of int64 (intervals,)
+            Numbers of intervals of `INTERVAL_NS` whose samples are not learnt from.
 
         Returns
         -------
@@ -382,7 +365,8 @@ class RawSamples:
             baseline=Baseline(first_ns, NANOSECONDS_PER_SECOND),
         )
         muscle = Predictor(theta, linear, np.zeros(2))
-        intake, usable = fresh_intake(functions), np.ones(len(stamp_ns), dtype=np.bool_)
+        intake = fresh_intake(functions)
+        usable = np.isin(stamp_ns // INTERVAL_NS, left_out, invert=True)
         here, rate = slice(pulse, self._pulses), 2.0 / basis.time_constant
         pending = PendingPulses(begin_ns, self._intensity[here], self._weight[here])
         begun, prediction = add_samples(

@@ -124,6 +124,19 @@ def test_a_sensor_with_a_filter_has_a_response_of_more_functions(league):
     assert found.verdict.grade == 'good'
 
 
+@pytest.mark.parametrize('name', ['batch', 'tracking'])
+def test_a_sensor_that_is_zeroed_chooses_no_other_basis(league, name):
+    """Each basis had other samples around the step left out: the response was wrong by 86 %."""
+    arrays, truth = league.session('zeroed', 'sinusoid', 0)
+    found = rpms_ros.from_arrays(*arrays).identify(name, rate_hz=league.RATE, most_estimates=1)
+    last = found.estimates.last
+    response = np.interp(last.response_time, *league.response('zeroed', 0))
+    assert np.abs(last.response_force - response).max() < 0.04 * response.max()
+    assert np.abs(last.curve_force - truth).max() < 0.001 * truth.max()
+    assert ((last.curve_lower <= truth) & (truth <= last.curve_upper)).mean() > 0.95
+    assert found.verdict.grade == 'good'
+
+
 def test_a_recording_that_tells_nothing_of_the_dynamics_leaves_the_functions_of_the_start(
     living_sessions,
 ):
