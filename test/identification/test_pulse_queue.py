@@ -14,6 +14,7 @@ from rpms_ros.identification import StreamSettings, estimator_by_name, identify
 from rpms_ros.identification.quality.doubts import (
     CLOCKS_DIFFER,
     FORCE_WITHOUT_PULSES,
+    Alignment,
     FaultCounter,
     stated_doubt,
 )
@@ -373,6 +374,42 @@ def test_slow_pulses_of_random_intensity_are_of_another_clock_only_if_they_are(s
     for ahead, said in ((0.0, False), (0.3, True)):
         found = identify(estimator_by_name('recursive'), pulses, shifted(forces, ahead), SELDOM)
         assert (CLOCKS_DIFFER in found.last.doubts) is said
+
+
+@pytest.mark.parametrize('levels', [[0.8], [0.45, 0.55, 0.65, 0.75, 0.85, 1.0]])
+@pytest.mark.parametrize(
+    ('count', 'rate', 'rest'),
+    [(4, 20.0, 2.0), (7, 30.0, 2.0), (10, 30.0, 2.0), (20, 40.0, 2.0), (10, 100.0, 5.0)],
+)
+def test_trains_are_of_another_clock_only_if_they_are(count, rate, rest, levels):
+    """As a whole a train answers ahead of its later pulses: of 264 designs 60 were."""
+    begin = np.arange(1.0, 32.0, (count - 1) / rate + rest)
+    onset = (begin[:, None] + np.arange(count) / rate).ravel()
+    intensity = np.repeat(np.resize(levels, len(begin)), count)
+    pulses = PulseTrain.numbered((1e9 * onset).astype(np.int64), intensity)
+    muscle = Contraction(simulation_subject())
+    muscle.add_pulses(pulses.onset_ns, pulses.intensity)
+    stamps = np.arange(34_000, dtype=np.int64) * 1_000_000
+    force = muscle.force(stamps) + 0.05 * np.random.default_rng(2).standard_normal(len(stamps))
+    for ahead_ns in (0, 300_000_000):
+        judged = Alignment(lasting=False)
+        judged.add(stamps + ahead_ns, force, pulses.onset_ns, pulses.intensity)
+        judged.judge(int(stamps[-1]))
+        assert list(judged.found) == ([CLOCKS_DIFFER] if ahead_ns else [])
+
+
+def test_what_acts_from_before_the_last_half_minute_is_no_force_without_pulses():
+    """The rest that the half minute begins with counted whole, as if nothing had acted there."""
+    begin = np.arange(1.0, 32.0, 0.75)
+    onset = (begin[:, None] + np.arange(4) / 20.0).ravel()
+    pulses = PulseTrain.numbered((1e9 * onset).astype(np.int64), np.full(len(onset), 0.8))
+    muscle = Contraction(simulation_subject())
+    muscle.add_pulses(pulses.onset_ns, pulses.intensity)
+    stamps = np.arange(34_000, dtype=np.int64) * 1_000_000
+    judged = Alignment(lasting=False)
+    judged.add(stamps, muscle.force(stamps), pulses.onset_ns, pulses.intensity)
+    judged.judge(int(stamps[-1]))
+    assert judged.found == {}
 
 
 @pytest.mark.parametrize('known', [slice(30), slice(60, 100)])

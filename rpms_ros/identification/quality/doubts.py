@@ -275,6 +275,8 @@ _FEWEST = 20
 # Intensities that are so much alike from pulse to pulse tell no delay; pulses that foretell one;
 # with fewer pulses a delay of some periods is as likely by chance.
 _FORETOLD, _TOLD, _MANY = 0.9, 6, 60
+# Trains are at least so far apart.
+_TRAIN_APART = 80
 # Pulses in a row that arrive apart from the force; those kept.
 _FEW_APART, _STRANGE = 5, 200
 # Peak of a correlation in standard deviations of the rest of it.
@@ -383,13 +385,21 @@ def _answered_apart(
     drive = pulses - pulses.mean()
     varied = float(np.ptp(given)) >= SMALLEST_INTENSITY_SPAN
     given -= given.mean()
-    alike = float(given[1:] @ given[:-1]) / float(given @ given) if varied else 1.0
+    # within trains, if there are any
+    near = np.diff(places) < _TRAIN_APART
+    pair = np.stack((given[1:], given[:-1]))[:, near if near.any() else ~near]
+    alike = float(pair[0] @ pair[1]) / max(float(pair[0] @ pair[0]), 1e-100) if varied else 1.0
     if told := alike < _FORETOLD and len(given) >= _MANY:
         # what pulses before do not tell, or levels that are held would answer ahead; one alone
         # would leave an echo of single pulses among slow ones
         before, drive[:] = np.lib.stride_tricks.sliding_window_view(given[:-1], _TOLD), 0.0
         foretold = before @ np.linalg.lstsq(before, given[_TOLD:], rcond=None)[0]
         drive[places[_TOLD:]] = given[_TOLD:] - foretold
+    else:
+        # a train of alike pulses answers as a whole, and so ahead of its later ones
+        begin = places[np.diff(places, prepend=0) >= _TRAIN_APART]
+        if _FEW_APART <= len(begin) < len(places):
+            drive = np.isin(np.arange(len(step)), begin) - len(begin) / len(step)
     known = (np.arange(len(step)) >= first) & (np.arange(len(step)) < last)
     room = _correlated(known.astype(float), np.square(drive))
     # lags at which little is left to compare are no measure of chance
@@ -438,7 +448,8 @@ def _going_on(
     period = int(np.median(np.diff(places)))
     every = np.arange(len(step))
     since = every - places[np.maximum(np.searchsorted(places, every, side='right') - 1, 0)]
-    since[: places[0]] = _BINS
+    # those of before the window are not known
+    since[: places[0]] = every[: places[0]]
     inside = (every >= first) & (every < last)
     rest = inside & (since > max(_RESPONSE_BINS, 2 * period))
     if period < 2 or np.count_nonzero(rest) < _LEAST_REST:
