@@ -17,7 +17,8 @@ from rpms_ros.pulses import NANOSECONDS_PER_SECOND, ForceTrace, PulseTrain
 from rpms_ros.report.text import write_text
 
 Session = tuple[PulseTrain, ForceTrace]
-_PAUSE_NS = 10 * NANOSECONDS_PER_SECOND
+# Between trials; and the rest before the first pulse of each, above which its forces are.
+_PAUSE_NS, _REST_NS = 10 * NANOSECONDS_PER_SECOND, 200_000_000
 
 
 def add_analyze(subparsers: Subparsers) -> None:
@@ -97,12 +98,15 @@ def _joined(sessions: Sequence[Session]) -> Session:
     """Return the sessions as one, each after the other with a pause between."""
     import numpy as np
 
-    trains, stamp_ns, start = [], [], 0
+    trains, stamp_ns, force, start = [], [], [], 0
     for pulses, forces in sessions:
         stamps = np.concatenate((forces.stamp_ns, pulses.onset_ns))
         shift = start - int(stamps.min(initial=start))
         trains.append(replace(pulses, onset_ns=pulses.onset_ns + shift))
         stamp_ns.append(forces.stamp_ns + shift)
-        start = int(stamps.max(initial=start)) + shift + _PAUSE_NS
-    force = np.concatenate([forces.force for _, forces in sessions])
-    return PulseTrain.joined(trains), ForceTrace(np.concatenate(stamp_ns), force)
+        # steady forces are above a line from rest to rest: a sensor is zeroed between trials
+        before = forces.stamp_ns - int(pulses.onset_ns.min(initial=2**62))
+        rest = forces.force[(before < 0) & (before >= -_REST_NS) & np.isfinite(forces.force)]
+        force.append(forces.force - (rest.mean() if len(rest) else 0.0))
+        start = int(stamps.max(initial=start - shift)) + shift + _PAUSE_NS
+    return PulseTrain.joined(trains), ForceTrace(np.concatenate(stamp_ns), np.concatenate(force))

@@ -31,6 +31,7 @@ MEASURED = '#b0b0b0'
 COLOURS = ('#0b4f7d', '#c65d00', '#3f7f2c', '#7b4fa3', '#a8234a', '#5f5f5f')
 MARKERS = ('o', 's', '^', 'D', 'v', 'P')
 DASHES = ('-', '--', ':', '-.', (0, (5, 1, 1, 1, 1, 1)), (0, (1, 3)))
+_BY_INTENSITY = 'intensity [%], 0 if not recorded'
 _FORCE = 'force [N]'
 # More panels than this cannot be read on one page.
 _MOST_TRAINS = 24
@@ -73,21 +74,22 @@ def draw_twitches(found: TwitchAnalysis, title: str = '') -> Figure:
     _draw_example(example, found)
     _draw_latency(latency, found.latency, 0)
     _draw_latency(latency, found.crossing_latency, 1)
-    latency.set(xlabel='intensity [%]', ylabel='latency $T_l$ [ms]')
+    latency.set(xlabel=_BY_INTENSITY, ylabel='latency $T_l$ [ms]')
     # room above the bars, so that the legend hides none
     low, high = latency.get_ylim()
     latency.set_ylim(low, high + 0.2 * (high - low))
     latency.legend(fontsize=7, loc='upper center', ncols=2)
     values = 1e3 * found.fits.column(CONSTANT, found.choice.order)
-    _draw_points(constant, 100 * np.nan_to_num(found.fits.intensity, nan=1.0), values, 0)
+    _draw_points(constant, 100 * np.nan_to_num(found.fits.intensity), values, 0)
     constant.axhline(1e3 * found.shared.time_constant, color='black', lw=1)
-    constant.set_xlabel('intensity [%]')
+    constant.set_xlabel(_BY_INTENSITY)
     constant.set_ylabel(f'$T_a$ at order {found.choice.order} [ms]; line: shared')
     for index, order in enumerate(found.fits.orders):
-        peaks = 100 * found.fits.column(PEAK, order) / found.top_peak
+        peaks = found.fits.column(PEAK, order)
+        peaks = peaks * (100 / peaks.max())
         _draw_points(error, peaks, found.fits.least_error(order), index, f'order {order}')
     error.set_yscale('log')
-    error.set(xlabel=r'$F_\max / F_{\max,100\%}$ [%]', ylabel=r'$E_\min$ (Eq. 3)')
+    error.set(xlabel=r'$F_\max$, 100 for the largest [%]', ylabel=r'$E_\min$ (Eq. 3)')
     error.legend(fontsize=8)
     return figure
 
@@ -111,7 +113,7 @@ def _draw_latency(axes: Axes, table: LatencyTable, index: int) -> None:
         return
     rows = np.array([(row.intensity, row.mean, row.spread) for row in table.rows])
     # side by side, so that both are visible
-    percent = 100 * np.nan_to_num(rows[:, 0], nan=1.0) + (index - 0.5) * 1.2
+    percent = 100 * np.nan_to_num(rows[:, 0]) + (index - 0.5) * 1.2
     mean, spread = 1e3 * rows[:, 1], 1e3 * np.nan_to_num(rows[:, 2])
     name, colour = f'{table.method}, from {table.reference}', COLOURS[index]
     axes.errorbar(percent, mean, spread, fmt='none', color=colour, capsize=3)

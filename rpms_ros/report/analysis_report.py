@@ -84,7 +84,8 @@ def _latency_rows(label: str, found: LatencyTable) -> Iterator[Row]:
     yield label, f'{_spread(found.mean, found.spread)} of {found.count} ({how})'
     for row in found.rows if len(found.rows) > 1 else ():
         text = f'{_spread(row.mean, row.spread)} of {row.count}'
-        yield f'  {label} at {row.intensity:.0%}', text
+        at = 'unknown intensity' if math.isnan(row.intensity) else f'{row.intensity:.0%}'
+        yield f'  {label} at {at}', text
 
 
 def _train_rows(

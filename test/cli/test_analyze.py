@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from rpms_ros.cli import main
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.muscle import Contraction, simulation_subject
+from rpms_ros.pulses import ForceTrace, PulseTrain
 from rpms_ros.recording import read_recording, write_recording
 
 FOLDER = Path(os.environ.get('RPMS_RECORDINGS', Path(__file__).parents[2] / '../shared/data'))
@@ -71,6 +72,35 @@ def test_parts_of_a_session_are_analysed_as_one(rpms, magnetic):
     assert document['twitches']['latency']['count'] == 120
     # the sample rate does not change between the parts
     assert not any('sample rate' in line for line in document['findings'])
+
+
+def test_a_sensor_zeroed_between_trials_changes_no_steady_force(rpms, tmp_path):
+    """The baseline went straight from trial to trial: the steady forces were 0.2 to 0.7 N low."""
+    stamps, found = np.arange(11_000, dtype=np.int64) * 1_000_000, []
+    for offset in (0.0, 2.0):
+        for trial, levels in enumerate([[0.4, 0.6, 0.8], [0.5, 0.7, 1.0]]):
+            pulses = PulseTrain.regular(np.repeat(levels, 60), 20.0, 10**9)
+            muscle = Contraction(simulation_subject())
+            muscle.add_pulses(pulses.onset_ns, pulses.intensity)
+            force = muscle.force(stamps) + 0.01 * np.random.default_rng(trial).normal(size=11_000)
+            shown = ForceTrace(stamps, force + trial * offset)
+            write_recording(tmp_path / f'{offset}-{trial}', pulses, shown)
+        paths = [tmp_path / f'{offset}-{trial}' for trial in range(2)]
+        document = json.loads(rpms('analyze', '--together', '--json', *paths)[1])
+        found.append(document['recruitment']['maximum_force'])
+    assert found[1] == pytest.approx(found[0], rel=1e-4)
+    assert found[0]['value'] == pytest.approx(10.0, rel=0.01)
+
+
+def test_many_trials_are_ten_seconds_apart(rpms, tmp_path):
+    """The pause doubled with every trial: with the 31st the stamps overflowed."""
+    stamps = np.arange(1500, dtype=np.int64) * 1_000_000
+    force = np.random.default_rng(0).normal(size=1500)
+    pulse = PulseTrain.regular(np.ones(1), 20.0, 10**8)
+    write_recording(tmp_path / 'one', pulse, ForceTrace(stamps, force))
+    code, _, err = rpms('analyze', '--together', '--json', *[tmp_path / 'one'] * 40)
+    assert code in (0, 1)
+    assert 'Error' not in err
 
 
 def test_forces_and_torques_are_no_parts_of_one_session(rpms, tmp_path):

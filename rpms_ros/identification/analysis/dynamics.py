@@ -70,10 +70,11 @@ def train_dynamics(analysis: MuscleAnalysis) -> TrainDynamics | None:
         fits = [getattr(train, name) for train in found.trains]
         return np.array([[fit.latency for fit in fits], [fit.time_constant for fit in fits]])
 
-    # Pulses that are not equal move both: the first one of a train acts more than those that
-    # follow it, say.  The history law says itself how they differ.
-    apart = np.zeros(2) if law else np.abs(np.mean(numbers('gains') - numbers('equal'), axis=1))
-    latency, constant = map(_stated, numbers(model), deviations.T, apart.tolist())
+    # Pulses that are not equal, or differ by another law than that of the history, move both: the
+    # first one of a train acts more than those that follow it, say
+    stated, other = numbers(model), found.mean_fit('gains') > found.mean_fit(model)
+    apart = np.abs(np.mean(numbers('gains') - stated, axis=1)) * other
+    latency, constant = map(_stated, stated, deviations.T, apart.tolist())
     onsets = np.array([bounds for one in responses if (bounds := force_onset(one)) is not None])
     peaks = [one.force[one.usable].max() - one.baseline for one in responses]
     return TrainDynamics(

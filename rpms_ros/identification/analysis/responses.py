@@ -343,7 +343,7 @@ def find_artifacts(trace: CleanTrace, onset_ns: IntArray) -> Artifacts:
         if part.stop - part.start < _MEDIAN_SPAN:
             continue
         force = trace.force[part]
-        standing = force - scipy.ndimage.median_filter(force, _MEDIAN_SPAN, mode='nearest')
+        standing = np.abs(force - scipy.ndimage.median_filter(force, _MEDIAN_SPAN, mode='nearest'))
         best = int(np.argmax(standing))
         if standing[best] > least:
             offset[index] = (trace.stamp_ns[part.start + best] - onset) / NANOSECONDS_PER_SECOND

@@ -152,13 +152,6 @@ class TwitchAnalysis:
     rejected: Mapping[str, int]
     example: Response = field(metadata=INTERNAL)
 
-    @property
-    def top_peak(self) -> float:
-        """Mean peak at the greatest intensity [N], to which those of Fig. 5 are relative."""
-        intensity = np.nan_to_num(self.fits.intensity, nan=1.0)
-        strongest = intensity >= intensity.max() - _INTENSITY_STEP
-        return float(self.fits.column(PEAK, self.choice.order)[strongest].mean())
-
 
 def analyze_twitches(
     responses: Sequence[Response], rejected: Mapping[str, int], period: float, progress: Progress
@@ -268,6 +261,11 @@ def crossing_latency(response: Response, period: float, to_artifact: bool) -> fl
         Measure from the maximum of the artifact if there is one, else from the stamp.
     """
     lag, force = response.lag, response.force
+    if np.isfinite(response.artifact):
+        # upwards, as that of the paper: the way back of a downward one would be the steepest rise
+        clean = np.interp(lag, *response.samples)
+        downward = (force < clean)[np.abs(lag - response.artifact).argmin()]
+        force = 2.0 * clean - force if downward else force
     if np.ptp(np.diff(lag)) > _EVENNESS * period:
         even = np.arange(lag[0], lag[-1], period)
         lag, force = even, np.interp(even, lag, force)

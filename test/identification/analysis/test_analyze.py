@@ -114,6 +114,19 @@ def test_what_is_missing_is_said(pulses, given, artifact, fits, said):
         assert np.isnan(found.twitches.latency.rows[0].intensity)
 
 
+def test_an_artifact_may_go_down(twitch_session):
+    """It was not seen: the onset of the paper missed, the delay 0.6 ms short."""
+    pulses, forces = twitch_session
+    bare = force_of(pulses, artifact=0.0)
+    down = analyze(pulses, replace(forces, force=2.0 * bare.force - forces.force))
+    up = analyze(pulses, forces)
+    assert down.artifacts.count == up.artifacts.count == 12
+    assert down.twitches.latency.mean == pytest.approx(up.twitches.latency.mean, abs=0.1e-3)
+    found = down.twitches.crossing_latency
+    assert found.count == up.twitches.crossing_latency.count
+    assert found.mean == pytest.approx(up.twitches.crossing_latency.mean, abs=0.5e-3)
+
+
 def test_a_saturated_sensor_leaves_the_weaker_twitches():
     pulses = singles()
     clean_force = force_of(pulses, artifact=0.0)

@@ -24,7 +24,7 @@ from rpms_ros.identification.analysis.trains import (
     force_onset,
     train_shape,
 )
-from rpms_ros.muscle import twitch
+from rpms_ros.muscle import Contraction, average_subject, twitch
 from rpms_ros.pulses import ForceTrace, PulseTrain
 
 LATENCY, CONSTANT = 0.0105, 0.030
@@ -194,6 +194,27 @@ def test_the_intervals_hold_the_truth_if_pulses_are_not_quite_equal():
         stated = getattr(found, name)
         assert stated.lower <= true <= stated.upper, name
         assert stated.upper - stated.lower < 0.1 * true
+
+
+@pytest.mark.parametrize(('counts', 'rate'), [((10,), 30.0), ((4, 7, 10), 100.0)])
+def test_the_interval_of_a_history_law_holds_a_linear_muscle(counts, rate):
+    """It is chosen for pulses that weigh by their intervals: T_a was 6 and 28 % off, and sure."""
+    muscle = Contraction(average_subject())
+    begin = 1.0 + 3.0 * np.arange(10)
+    onset = np.concatenate(
+        [at + np.arange(counts[one % len(counts)]) / rate for one, at in enumerate(begin)]
+    )
+    pulses = PulseTrain.numbered((1e9 * onset).astype(np.int64), 0.8)
+    muscle.add_pulses(pulses.onset_ns, pulses.intensity)
+    stamps = np.arange(31_000, dtype=np.int64) * 1_000_000
+    noise = 0.01 * np.random.default_rng(1).standard_normal(len(stamps))
+    found = train_dynamics(analyze(pulses, ForceTrace(stamps, muscle.force(stamps) + noise)))
+    assert found.model == 'history law'
+    for stated, true in (
+        (found.twitch_time_constant_s, average_subject().time_constant),
+        (found.latency_s, average_subject().latency),
+    ):
+        assert stated.lower < true < stated.upper
 
 
 def test_recordings_without_a_train_have_none():
