@@ -22,6 +22,7 @@ from rpms_ros.report.recorded import true_muscle
 # Beyond that nanoseconds do not fit into 64 bits.
 _LATEST_S = 9e9
 _TABLES = ('.csv', '.tsv', '.txt')
+_OF_RECORDINGS = {'pulses_topic': 'pulses', 'force_topic': 'force', 'axis': 'z'}
 # Options of the command, as messages name them: keywords here.
 _OPTION = re.compile(r'--([a-z]+(?:-[a-z]+)*)(?: [A-Z][A-Z-]*)?')
 
@@ -136,6 +137,9 @@ def load(
     if is_foreign(place):
         if sign not in (1, -1):
             raise RecordingError(f'expected sign 1 or -1, got {sign!r}')
+        for name, usual in _OF_RECORDINGS.items():
+            if str(keywords[name]) != usual:
+                raise RecordingError(f'expected {name} with a recording, got it with {place}')
         storage = 'table' if place.suffix.lower() in _TABLES else 'file'
         try:
             found = import_file(place, options)
@@ -222,6 +226,9 @@ def from_arrays(
 def _numbers(given: npt.ArrayLike) -> FloatArray:
     """Return them, not a number where an array is masked."""
     try:
+        if (kind := np.asarray(given).dtype).kind in 'mM':
+            # a count of its unit, whatever that is
+            raise TypeError(f'{kind}, times are in s')
         numbers: FloatArray = np.ma.filled(np.ma.array(given, dtype=float), np.nan)
     except (TypeError, ValueError) as error:
         raise RecordingError(f'expected numbers, got others: {error}') from error

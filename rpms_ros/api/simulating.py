@@ -95,6 +95,8 @@ def simulate(
     """
     muscle = subject if isinstance(subject, Subject) else subject_by_name(subject, seed)
     named = isinstance(schedule, str) and schedule in SCHEDULES
+    if intensity != 1.0 and schedule != 'constant':
+        raise StimulationError(f'expected intensity with constant alone, got it with {schedule}')
     if not isinstance(schedule, Schedule):
         schedule = named_schedule(str(schedule), duration, pulse_rate_hz, seed, intensity)
     happens = scenario if isinstance(scenario, Scenario) else Scenario()

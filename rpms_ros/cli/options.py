@@ -190,24 +190,30 @@ def read(path: Path, arguments: argparse.Namespace) -> 'Recording':
     """Return a recording, or a file of a laboratory as one, as the options say."""
     from rpms_ros.recording import Topics, read_recording
 
-    if hasattr(arguments, 'pulse_unit'):
+    if hasattr(arguments, 'pulse_unit') and of_a_laboratory(path, arguments):
         from rpms_ros.cli.files import imported_recording
-        from rpms_ros.recording.importing import ImportOptions, is_foreign
 
-        if is_foreign(path):
-            for name in _OF_RECORDINGS:
-                default = arguments.parser.get_default(name)
-                if getattr(arguments, name, default) != default:
-                    option = name.replace('_', '-')
-                    raise RecordingError(f'expected --{option} with a recording, got {path}')
-            return imported_recording(path, arguments)
-        if given := options_of(ImportOptions, arguments).given():
-            option = given[0].replace('_', '-')
-            raise RecordingError(f'expected --{option} with a file of a laboratory, got {path}')
+        return imported_recording(path, arguments)
     with progress('reading', None, 'messages', arguments.quiet) as advance:
         topics = Topics(arguments.pulses_topic, arguments.force_topic)
         what = (topics, arguments.axis, arguments.sign)
         return read_recording(path, *what, advance, arguments.max_memory, arguments.quantity)
+
+
+def of_a_laboratory(path: Path, arguments: argparse.Namespace) -> bool:
+    """Return whether it is a file of a laboratory; refuse options of the other kind."""
+    from rpms_ros.recording.importing import ImportOptions, is_foreign
+
+    foreign = is_foreign(path)
+    given = [] if foreign else options_of(ImportOptions, arguments).given()
+    for name in _OF_RECORDINGS if foreign else ():
+        default = arguments.parser.get_default(name)
+        given += [name] if getattr(arguments, name, default) != default else []
+    if given:
+        option = given[0].replace('_', '-')
+        kind = 'recording' if foreign else 'file of a laboratory'
+        raise RecordingError(f'expected --{option} with a {kind}, got {path}')
+    return foreign
 
 
 def warn(findings: Iterable[tuple[str, str]]) -> None:

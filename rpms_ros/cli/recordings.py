@@ -19,6 +19,7 @@ from rpms_ros.cli.options import (
     add_memory_option,
     add_option,
     add_reading_options,
+    of_a_laboratory,
     progress,
     read,
 )
@@ -53,9 +54,8 @@ def run_info(arguments: argparse.Namespace) -> int:
       rpms info session/session_0.mcap --json
     """
     from rpms_ros.recording import read_facts
-    from rpms_ros.recording.importing import is_foreign
 
-    if is_foreign(arguments.bag):
+    if of_a_laboratory(arguments.bag, arguments):
         facts = _facts_of_file(read(arguments.bag, arguments))
     else:
         with progress('reading', None, 'messages', arguments.quiet) as advance:

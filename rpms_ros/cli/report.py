@@ -65,7 +65,8 @@ def run(arguments: argparse.Namespace) -> int:
     from rpms_ros.report.session_report import report_of
     from rpms_ros.schema import plain
 
-    if arguments.out.is_file() and arguments.out.suffix.lower() not in ('.html', '.htm'):
+    page = arguments.out.suffix.lower() in ('.html', '.htm')
+    if not page and (arguments.out.is_file() or arguments.out.suffix):
         raise ReportError(f'expected a page (.html) with --out, got a file {arguments.out}')
     options = options_of(IdentificationOptions, arguments)
     recording = read(arguments.bag, arguments)

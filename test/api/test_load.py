@@ -91,6 +91,8 @@ def test_what_cannot_be_guessed_names_the_keyword(tmp_path):
         (SAMPLE, {'axis': 5}, 'expected axis x, y, z.* got 5'),
         (SAMPLE, {'sheet': 'a'}, 'expected sheet with a table or another file'),
         (SAMPLE, {'force_topic': 'torque'}, 'expected .*torque'),
+        (None, {'axis': '-z'}, 'expected axis with a recording'),
+        (None, {'force_topic': 'torque'}, 'expected force_topic with a recording'),
         (None, {'sign': 0}, 'expected sign 1 or -1, got 0'),
         (None, {'time_unit': 'hours'}, "a unit of time of s, ms, us, min, got 'hours'"),
         (None, {'force_unit': 'oz'}, "expected a unit of force of N, .*, got 'oz'"),
@@ -141,6 +143,7 @@ def test_arrays_become_a_session(simulated):
     [
         ({'force': [1.0]}, r'expected a force for each of 3 times, got \(1,\)'),
         ({'force': ['1', '2', 'x']}, r'expected numbers, got others: .* .x.'),
+        ({'time': np.arange(3).astype('m8[ms]')}, r'expected numbers, .*\[ms\], times are in s'),
         ({'time': [0.0, 0.0, 1.0]}, r'expected rising time, got 0\.0 and then 0\.0'),
         ({'time': [0.0, np.nan, 1.0]}, r'expected finite times in s in time, got'),
         ({'pulse_times': [500.0, 1000.0]}, r'those of the force, 0 to 2 s, got 500 to 1000'),

@@ -55,6 +55,7 @@ def test_a_muscle_and_a_schedule_of_ones_own():
             {'subject': 'nobody'},
             "expected a subject of rpms, fes, simulation, random, got 'nobody'",
         ),
+        ({'schedule': 'sinusoid', 'intensity': 0.3}, 'intensity with constant alone, .*sinusoid'),
         ({'scenario': 'nothing'}, 'expected .*nothing'),
         ({'force_rate_hz': 0.0}, 'expected a rate of the force above 0 and up to'),
         ({'noise': -1.0}, 'expected .*noise.*-1'),

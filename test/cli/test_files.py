@@ -108,6 +108,8 @@ def test_commands_take_a_table_as_load_does(rpms, tmp_path):
     assert page.stat().st_size > 1e5
     code, _, err = rpms('identify', tmp_path / 'bag', *stated)
     assert (code, 'expected --intensity with a file of a laboratory' in err) == (2, True)
+    code, _, err = rpms('info', tmp_path / 'bag', '--time-unit', 'ms')
+    assert (code, 'expected --time-unit with a file of a laboratory' in err) == (2, True)
     code, _, err = rpms('identify', table, '--axis', 'x')
     assert (code, 'expected --axis with a recording' in err) == (2, True)
 

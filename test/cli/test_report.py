@@ -63,6 +63,8 @@ def test_a_file_that_is_no_page_is_not_replaced(rpms, short_session, tmp_path):
     code, _, err = rpms('report', short_session, '--out', kept)
     assert (code, kept.read_text()) == (FAILURE, 't,f\n')
     assert err == f'rpms: error: expected a page (.html) with --out, got a file {kept}\n'
+    code, _, err = rpms('report', short_session, '--out', tmp_path / 'new.pdf')
+    assert (code, (tmp_path / 'new.pdf').exists()) == (FAILURE, False)
 
 
 TEXT = 'name: warm-up\nsegments: [{kind: single, intensity: 1}]\n'

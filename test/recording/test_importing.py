@@ -114,6 +114,12 @@ def test_times_of_day_are_times(tmp_path):
         ('time,f_a [N],f_b [N],gate', (TIME, FORCE, FORCE, GATE), {}, r"'f_b \[N\]': --force COL"),
         ('time,force,gate,trigger', (TIME, FORCE, GATE, GATE), {}, "'trigger': --pulse COL deci"),
         ('a,b,c,d', (TIME[::-1], FORCE, FORCE, GATE), {'pulse': 'd', 'force': 'b'}, 'time COL or'),
+        (
+            'time,Force,ACC X (g),gate',
+            (TIME, FORCE, GATE, GATE),
+            {},
+            r'Force.*--force COL decides',
+        ),
         ('time,force [V],pressure,gate', (TIME, FORCE, FORCE, GATE), {}, 'in V: --force-scale N-'),
     ],
 )
@@ -258,6 +264,61 @@ def test_of_several_rates_in_a_matlab_file_none_is_guessed(tmp_path, other):
     savemat(path, {**other, 'fs': 1000.0, 'force': FORCE, 'gate': GATE})
     expected = None if 'emg' in other else 1000.0
     assert read_signals(path).sampling_rate_hz == expected
+
+
+def test_of_several_rates_above_a_table_none_is_guessed(tmp_path):
+    """The first one was taken: of the electromyogram, twice that of the force."""
+    path = tmp_path / 'a.csv'
+    lines = ['Sampling rate EMG (Hz);2000', 'Sampling rate force (Hz);1000', 'Force (N);Trigger']
+    path.write_text('\n'.join([*lines, *(line.split(';', 1)[1] for line in rows(';'))]))
+    with pytest.raises(Ambiguous, match='--time COL or --sampling-rate HZ decides'):
+        imported(path)
+    path.write_text(path.read_text().replace('EMG (Hz);2000', 'EMG (Hz);1000'))
+    expect_the_session(*imported(path))
+
+
+def test_a_rate_that_may_be_of_another_signal_is_told_with_its_place(tmp_path):
+    path = tmp_path / 'a.mat'
+    savemat(path, {'emg': {'fs': 1000.0}, 'force': FORCE, 'gate': GATE})
+    expect_the_session(*imported(path))
+    told = dict(import_file(path, ImportOptions()).facts)
+    assert 'sampling rate from emg.fs' in told['file']
+
+
+def test_empty_lines_in_a_table_are_told(tmp_path):
+    """By a rate, the samples after them are too early."""
+    path = tmp_path / 'a.csv'
+    cells = [line.split(';', 1)[1] for line in rows(';')]
+    path.write_text('\n'.join(['Force (N);Trigger', *cells[:100], *[''] * 50, *cells[100:], '']))
+    told = dict(import_file(path, ImportOptions(sampling_rate=1000.0)).facts)
+    assert '50 empty lines left out' in told['file']
+
+
+@pytest.mark.parametrize(
+    ('given', 'message'),
+    [
+        (
+            {'time': 'time', 'sampling_rate': 2000.0},
+            'expected --time or --sampling-rate, got both',
+        ),
+        (
+            {'force_unit': 'mN', 'force_scale': 2.0},
+            '--force-scale in N or Nm a unit, got it in mN',
+        ),
+    ],
+)
+def test_of_two_options_that_exclude_each_other_none_is_ignored(tmp_path, given, message):
+    path = tmp_path / 'a.csv'
+    np.savetxt(
+        path,
+        np.column_stack((TIME, FORCE, GATE)),
+        '%g',
+        ',',
+        header='time,force,gate',
+        comments='',
+    )
+    with pytest.raises(RecordingError, match=message):
+        imported(path, **given)
 
 
 def test_spike2_matlab(tmp_path):

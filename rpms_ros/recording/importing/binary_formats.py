@@ -91,10 +91,13 @@ def read_matlab(path: Path) -> SignalFile:
     vectors = [vector for name, array in items for vector in _vectors(name, array)]
     signals = tuple(Signal(name, values, unit_of(name)) for name, values in vectors)
     single = (item for item in items if item[1].size == 1)
-    rates = {float(one.ravel()[0]) for name, one in single if _RATES.fullmatch(name)}
+    rates = {float(one.ravel()[0]): name for name, one in single if _RATES.fullmatch(name)}
     # of several none is that of the force for certain
-    rate = rates.pop() if len(rates) == 1 else 0.0
-    return SignalFile(path, 'MATLAB', signals, sampling_rate_hz=rate if rate > 0.0 else None)
+    rate, place = rates.popitem() if len(rates) == 1 else (0.0, '')
+    stated = rate if rate > 0.0 else None
+    # it may be that of another signal
+    facts = (f'sampling rate from {place}',) if stated else ()
+    return SignalFile(path, 'MATLAB', signals, sampling_rate_hz=stated, facts=facts)
 
 
 def _vectors(name: str, array: Any) -> Iterator[tuple[str, FloatArray]]:

@@ -163,6 +163,8 @@ def _check_given(file: SignalFile, options: ImportOptions) -> None:
 
     Events can be pulses alone.
     """
+    if options.time and options.sampling_rate:
+        raise RecordingError('expected --time or --sampling-rate, got both')
     known_units = {'time': TIME_UNITS, 'force': SENSOR_UNITS, 'pulse': LIST_UNITS}
     for what, units in known_units.items():
         unit = getattr(options, f'{what}_unit')
@@ -274,7 +276,8 @@ def _force(file: SignalFile, signals: Sequence[Signal]) -> str:
     in_newtons = [one for one in signals if _has_force_unit(one)]
     named = [one for one in signals if _FORCE.search(one.name)]
     both = [one for one in in_newtons if one in named]
-    chosen = both or in_newtons or named or signals
+    # an acceleration in g has a unit of a force
+    chosen = both or [*in_newtons, *named] or signals
     if len(chosen) == 1:
         return chosen[0].name
     found = ', '.join(repr(one.name) for one in chosen) or 'none'
@@ -284,6 +287,8 @@ def _force(file: SignalFile, signals: Sequence[Signal]) -> str:
 
 def _force_unit(signal: Signal, given: str | None, scale: float | None) -> tuple[str, str]:
     if scale is not None:
+        if given not in (None, 'N', 'Nm'):
+            raise RecordingError(f'expected --force-scale in N or Nm a unit, got it in {given}')
         whole = 'Nm' if given in TORQUE_UNITS else 'N'
         return whole, f'{scale:g} {whole} a unit (--force-scale)'
     if told := unit_told(signal.unit, given, 'force-unit', SENSOR_UNITS):

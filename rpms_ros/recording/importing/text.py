@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from rpms_ros.errors import RecordingError
+from rpms_ros.printable import counted
 from rpms_ros.pulses import FloatArray
 from rpms_ros.recording.importing.signals import TIME_OF_DAY, Signal, SignalFile, unit_of
 
@@ -95,7 +96,8 @@ def read_text(path: Path, block: int | None = None) -> SignalFile:
 
 
 def _table(path: Path, text: str, encoding: str) -> SignalFile:
-    lines = [line for line in text.splitlines() if line.strip()]
+    every = text.strip('\r\n').splitlines()
+    lines = [line for line in every if line.strip()]
     if not lines:
         raise RecordingError(f'expected a table in {path}, got an empty file')
     separator = _separator(lines)
@@ -109,6 +111,9 @@ def _table(path: Path, text: str, encoding: str) -> SignalFile:
     facts = [encoding, f'separated by {_SEPARATORS[separator]}']
     facts += ['decimal comma'] if comma else []
     facts += [] if first else ['no header']
+    # by a rate, what comes after one is too early
+    empty = len(every) - len(lines)
+    facts += [f'{counted(empty, "empty line")} left out'] if empty else []
     rate = None if any('time' in one.name.lower() for one in signals) else _rate(lines[:first])
     return SignalFile(path, 'table of text', signals, sampling_rate_hz=rate, facts=tuple(facts))
 
@@ -148,8 +153,10 @@ def signals_of(
 
 def _rate(above: Sequence[str]) -> float | None:
     """Return the rate of the samples [Hz] that a header states."""
-    found = next(filter(None, map(_RATE.match, above)), None)
-    return float(found[2]) * (1e3 if 'khz' in found[0].lower() else 1.0) if found else None
+    stated = filter(None, map(_RATE.match, above))
+    rates = {float(one[2]) * (1e3 if 'khz' in one[0].lower() else 1.0) for one in stated}
+    # of several none is that of the force for certain
+    return rates.pop() if len(rates) == 1 else None
 
 
 def _separator(lines: Sequence[str]) -> str:
