@@ -19,7 +19,12 @@ import numpy as np
 
 from rpms_ros.axis import FORCE, Axis, along
 from rpms_ros.identification.model.estimate import Estimate
-from rpms_ros.muscle.recruitment import RecruitmentParameters, identified_recruitment
+from rpms_ros.identification.quality.explained_force import rate_weights
+from rpms_ros.muscle.recruitment import (
+    RateRecruitment,
+    RecruitmentParameters,
+    identified_recruitment,
+)
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray
 from rpms_ros.recording.rosbag.definitions import WRENCH_STAMPED
 from rpms_ros.recording.rosbag.records import Channel, Records
@@ -30,6 +35,8 @@ KEPT = 6000
 """Bins that are kept: half a minute."""
 
 _JUMP = 200
+# Without a sample for so long, as of a slow sensor, the line goes on.
+_HELD = 20
 # A clock that has jumped goes on from there; a single stray stamp does not.
 _STEADY = 5
 
@@ -70,7 +77,7 @@ class ForceBins:
         place = stamp_ns // BIN_NS
         if place == self._open:
             self._low, self._high = min(self._low, force), max(self._high, force)
-        elif not self._begun or not -_JUMP < place - self._open < KEPT:
+        elif not self._begun or not -_JUMP < place - self._open < _JUMP:
             self._jumped(place, force)
         elif place > self._open:
             self._close(place)
@@ -83,7 +90,7 @@ class ForceBins:
     def since(self, first: int, last: int) -> FloatArray:
         """Return low, high and modelled force [N] of bins, shape (3, last - first + 1).
 
-        Both bins have to be kept; NaN stands for a bin without a sample.
+        Both bins have to be kept; NaN stands for a bin in a gap of more than 0.1 s.
         """
         return self._values[:, np.arange(first, last + 1) % KEPT]
 
@@ -95,16 +102,20 @@ class ForceBins:
             self.stray += 1
             return
         self._strays = (0, 0)
-        self.epoch += self._begun
-        self._begun = True
-        self.origin, self.newest = place, place - 1
-        self._values.fill(np.nan)
+        if self._begun and 0 < place - self._open < KEPT:
+            self._close(place)
+        else:
+            self.epoch += self._begun
+            self._begun = True
+            self.origin, self.newest = place, place - 1
+            self._values.fill(np.nan)
         self._open, self._low, self._high = place, force, force
 
     def _close(self, place: int) -> None:
-        """Keep the open bin; those up to `place` stay empty, as holes in the line."""
+        """Keep the open bin; many up to `place` stay empty, as a hole in the line."""
         self._values[:, np.arange(self._open, place) % KEPT] = np.nan
-        self._values[:2, self._open % KEPT] = self._low, self._high
+        held = place if place - self._open <= _HELD else self._open + 1
+        self._values[:2, np.arange(self._open, held) % KEPT] = [[self._low], [self._high]]
         self.newest = place - 1
         self._strays = (0, 0)
 
@@ -118,12 +129,21 @@ _LONGEST_S = 100.0
 _LATEST_NS = 1_000_000_000
 
 
+# What is left of the deviations of a law with every look.
+_REMEMBERED = 0.99
+
+
 class ModelledForce:
     """Sums responses to pulses; all NaN before the first estimate that has one."""
 
     def __init__(self) -> None:
         self._pulses: deque[tuple[int, float]] = deque(maxlen=_MOST_PULSES)
         self._estimate: Estimate | None = None
+        self._missed = np.zeros(2)
+
+    def restart(self) -> None:
+        """Forget the pulses: the clock has jumped."""
+        self._pulses.clear()
 
     def pulse(self, onset_ns: int, intensity: float) -> None:
         """Take a pulse that was delivered; its intensity is within 0..1."""
@@ -137,8 +157,12 @@ class ModelledForce:
         if bounded and (np.diff(time) > 0.0).all():
             self._estimate = estimate
 
-    def at(self, stamp_ns: IntArray) -> FloatArray:
-        """Return the force [N] at stamps (n,), ascending."""
+    def at(self, stamp_ns: IntArray, measured: FloatArray) -> FloatArray:
+        """Return the force [N] at stamps (n,), ascending, where it was measured [N] or NaN.
+
+        By the weight of pulses by their intervals, or without it, whichever is nearer to what was
+        measured of late: which one the estimator has is no part of an estimate.
+        """
         if self._estimate is None or not len(stamp_ns):
             return np.full(len(stamp_ns), np.nan)
         time, response = self._estimate.response_time, self._estimate.response_force
@@ -146,16 +170,21 @@ class ModelledForce:
         # looking at all pulses takes longer than the rest
         while self._pulses and self._pulses[0][0] < oldest - _LATEST_NS:
             self._pulses.popleft()
-        acting = [pulse for pulse in self._pulses if oldest < pulse[0] <= int(stamp_ns[-1])]
+        # older ones do not act any more, but tell the interval of the next
+        given = [pulse for pulse in self._pulses if pulse[0] <= int(stamp_ns[-1])]
         known = zip(self._estimate.linear_names, self._estimate.linear, strict=False)
         level = [float(value) for name, value in known if name.startswith('baseline')][-1:]
-        total = np.full(len(stamp_ns), level[0] if np.isfinite(level).any() else 0.0)
-        if acting:
-            onset_ns = np.array([onset for onset, _ in acting], dtype=np.int64)
-            share = self._estimate.relative_recruitment(np.array([u for _, u in acting]))
+        total = np.full((2, len(stamp_ns)), level[0] if np.isfinite(level).any() else 0.0)
+        if given:
+            onset_ns = np.array([onset for onset, _ in given], dtype=np.int64)
+            share = self._estimate.relative_recruitment(np.array([u for _, u in given]))
+            weight = rate_weights(self._estimate.repetition_rate, onset_ns, RateRecruitment())
             after = (stamp_ns[:, None] - onset_ns[None, :]) * 1e-9
-            total += np.interp(after, time, response, left=0.0, right=0.0) @ share
-        return total
+            caused = np.interp(after, time, response, left=0.0, right=0.0)
+            total += (caused @ np.column_stack((share, share * weight))).T
+        missed = np.nansum(np.square(total - measured), axis=1)
+        self._missed = _REMEMBERED * self._missed + missed
+        return np.asarray(total[np.argmin(self._missed)])
 
 
 def warm_up() -> None:

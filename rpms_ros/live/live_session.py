@@ -335,7 +335,8 @@ class LiveSession:
         """Take an estimate."""
         self._estimate = estimate
         self._tell('estimate', lambda: self._estimate_part(estimate))
-        self._model.estimate(estimate)
+        if estimate.unit == self.unit:
+            self._model.estimate(estimate)
         value, deviation = estimate.disturbance, estimate.disturbance_deviation
         if not (math.isfinite(value) and math.isfinite(deviation) and deviation > 0.0):
             return
@@ -383,12 +384,14 @@ class LiveSession:
             self._ready = self.bins.origin - 1
             for course in (self._pulses, self._disturbance):
                 course.keep_near(self._origin_ns)
+            self._model.restart()
         last = self.bins.newest - _HOLD
         if last > self._ready:
             first = max(self._ready + 1, self.bins.oldest)
             # the middle of each bin
             stamps = np.arange(first, last + 1, dtype=np.int64) * BIN_NS + BIN_NS // 2
-            self.bins.model(first, self._model.at(stamps))
+            measured = self.bins.since(first, last)[:2].mean(axis=0)
+            self.bins.model(first, self._model.at(stamps, measured))
             self._ready = last
         if now >= self._next_topics:
             self._next_topics = now + _TOPICS_PERIOD
@@ -405,6 +408,8 @@ class LiveSession:
         if old:
             why = 'cannot be read' if estimate.refused else f'silent for {estimate.age(now):.0f} s'
             alarms.append(f'identifier {why}: curve, parameters and doubts are old')
+        if self._estimate is not None and self._estimate.unit != self.unit:
+            alarms.append(f'identifier tells {self._estimate.unit}, this page reads {self.unit}')
         if force.state(now) == SILENT:
             alarms.append(f'no force for {force.age(now):.0f} s: look at the sensor')
         unheard = driver.state(now) == SILENT or bool(driver.refused)

@@ -62,13 +62,15 @@ class Topic:
         self._longest_silence = longest_silence
         # None before the graph was looked at
         self.publishers: Sequence[Publisher] | None = None
-        self._heard = 0.0
+        # when it was heard, and the last two distances [s]
+        self._heard = self._apart = self._before = 0.0
         # when it came, how many there were then, and the stamp of the newest
         self._recent: deque[tuple[float, int, int]] = deque()
 
     def heard(self, count: int, now: float, stamp_ns: int = 0) -> None:
         """Note messages that have come at `now` [s], the newest of them stamped `stamp_ns`."""
         if count:
+            self._apart, self._before = now - self._heard, self._apart
             self.count += count
             self._heard = now
             self._recent.append((now, self.count, stamp_ns))
@@ -93,7 +95,9 @@ class Topic:
             return NEVER
         if self.age(now) <= min(self._longest_silence, _SPAN):
             return OK
-        return SILENT if self.age(now) > self._longest_silence else QUIET
+        # what comes seldom is silent later
+        longest = max(self._longest_silence, 3.0 * min(self._apart, self._before))
+        return SILENT if self.age(now) > longest else QUIET
 
     def view(self, now: float) -> dict[str, Any]:
         """Return what the page shows."""

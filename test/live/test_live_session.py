@@ -11,7 +11,11 @@ import pytest
 from rpms_ros.live.force_course import BIN_NS, ModelledForce
 from rpms_ros.live.live_session import Cursor
 from rpms_ros.live.topic_health import LONGEST_TEXT, MOST_NAMES, Publisher
-from rpms_ros.muscle.recruitment import RecruitmentParameters, identified_recruitment
+from rpms_ros.muscle.recruitment import (
+    RateRecruitment,
+    RecruitmentParameters,
+    identified_recruitment,
+)
 from rpms_ros.pulses import Pulse
 
 MILLISECOND = 1_000_000
@@ -43,8 +47,8 @@ def test_frames_one_after_another_are_the_whole_course(session, start_ns):
 
 def test_the_modelled_force_is_the_sum_of_the_responses(make_estimate, start_ns):
     model, estimate = ModelledForce(), make_estimate()
-    stamps = start_ns + np.arange(200) * BIN_NS
-    assert np.isnan(model.at(stamps)).all()
+    stamps, unknown = start_ns + np.arange(200) * BIN_NS, np.full(200, np.nan)
+    assert np.isnan(model.at(stamps, unknown)).all()
     model.estimate(estimate)
     pulses = [(0.1, 1.0), (0.15, 0.5), (5.0, 1.0)]
     for onset, intensity in pulses:
@@ -58,7 +62,45 @@ def test_the_modelled_force_is_the_sum_of_the_responses(make_estimate, start_ns)
     for (onset, _), share in zip(pulses[:2], rho / rho[0], strict=True):
         expected += share * np.interp(time - onset, *response, left=0.0, right=0.0)
     # the same sum in another order
-    np.testing.assert_allclose(model.at(stamps), expected, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(model.at(stamps, unknown), expected, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize('by_rate', [True, False])
+def test_pulses_at_another_rate_weigh_as_in_what_was_measured(make_estimate, start_ns, by_rate):
+    """Without their weight the force of a good estimate was 1.7 times that of the sensor."""
+    model, estimate = ModelledForce(), make_estimate()
+    model.estimate(estimate)
+    onset_ns = start_ns + np.arange(50) * 20_000_000
+    for onset in onset_ns.tolist():
+        model.pulse(onset, 1.0)
+    stamps, time = start_ns + np.arange(200) * BIN_NS, np.arange(200) * 0.005
+    weight = RateRecruitment().of_train(onset_ns, estimate.repetition_rate)
+    assert abs(weight[-1] - 1.0) > 0.2
+    lag = time[:, None] - 1e-9 * (onset_ns - start_ns)
+    response = estimate.response_time, estimate.response_force
+    caused = np.interp(lag, *response, left=0.0, right=0.0)
+    measured = 0.5 + caused @ (weight if by_rate else np.ones(50))
+    np.testing.assert_allclose(model.at(stamps, measured), measured, rtol=1e-9)
+
+
+def test_after_a_jump_of_the_clock_earlier_pulses_do_not_act(session, make_estimate, start_ns):
+    session.estimate(make_estimate())
+    feed(session, start_ns, 0, 1000)
+    for step in range(20):
+        session.pulse(Pulse(start_ns + step * 50 * MILLISECOND, 1.0, step))
+    feed(session, start_ns, -5000, -3000)
+    feed(session, start_ns, -3000, 1000)
+    # the baseline alone
+    modelled = session.frame(Cursor())[1]['force']['modelled']
+    assert modelled[-300:] == [0.5] * 300
+
+
+def test_an_estimate_in_another_unit_is_an_alarm_and_no_force(session, make_estimate, start_ns):
+    session.estimate(make_estimate(unit='N m'))
+    feed(session, start_ns, 0, 1000)
+    frame = session.frame(Cursor())[1]
+    assert 'identifier tells N m, this page reads N' in frame['top']['alarms']
+    assert set(frame['force']['modelled']) == {None}
 
 
 def test_parameters_have_their_band_and_what_the_data_lack_is_not_printed(session, make_estimate):

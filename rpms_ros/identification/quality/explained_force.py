@@ -17,7 +17,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from scipy.special import ndtri
 
@@ -90,35 +89,15 @@ def simulated_force(
     reach_ns = nanoseconds(float(estimate.response_time[-1]))
     weight = _weights(estimate, pulses.intensity)
     if law is not None:
-        weight = weight * _rate_weights(estimate.repetition_rate, pulses.onset_ns, law)
+        weight = weight * rate_weights(estimate.repetition_rate, pulses.onset_ns, law)
     first = np.searchsorted(stamp_ns, pulses.onset_ns)
     last = np.searchsorted(stamp_ns, pulses.onset_ns + reach_ns, side='right')
     response = estimate.response_time, estimate.response_force
-    _add_responses(force, stamp_ns, pulses.onset_ns, weight, first, last, *response)
+    for pulse, onset_ns in enumerate(pulses.onset_ns):
+        acts = slice(first[pulse], last[pulse])
+        lag = (stamp_ns[acts] - onset_ns) / NANOSECONDS_PER_SECOND
+        force[acts] += weight[pulse] * np.interp(lag, *response)
     return force
-
-
-@numba.njit(cache=True)
-def _add_responses(
-    force: FloatArray,
-    stamp_ns: IntArray,
-    onset_ns: IntArray,
-    weight: FloatArray,
-    first: IntArray,
-    last: IntArray,
-    time: FloatArray,
-    response: FloatArray,
-) -> None:
-    """Add the responses (times,) of pulses to force (samples,), each from `first` to `last`."""
-    for pulse in range(len(onset_ns)):
-        knot = 0
-        for sample in range(first[pulse], last[pulse]):
-            lag = (stamp_ns[sample] - onset_ns[pulse]) / NANOSECONDS_PER_SECOND
-            while knot + 2 < len(time) and lag >= time[knot + 1]:
-                knot += 1
-            slope = (response[knot + 1] - response[knot]) / (time[knot + 1] - time[knot])
-            value = response[knot] + slope * max(lag - time[knot], 0.0)
-            force[sample] += weight[pulse] * value
 
 
 def weight_at_own_rate(
@@ -146,7 +125,7 @@ def weight_at_own_rate(
     best = min(LAWS, key=missed)
     if best is None:
         return 1.0
-    return float(np.median(_rate_weights(estimate.repetition_rate, last.onset_ns, best)[1:]))
+    return float(np.median(rate_weights(estimate.repetition_rate, last.onset_ns, best)[1:]))
 
 
 def simulated_fit(
@@ -209,7 +188,7 @@ def white_noise(force: FloatArray) -> float:
     return float(np.median(np.abs(np.diff(force, 2)))) / (0.6744897501960817 * math.sqrt(6.0))
 
 
-def _rate_weights(rate_hz: float, onset_ns: IntArray, by_rate: RateRecruitment) -> FloatArray:
+def rate_weights(rate_hz: float, onset_ns: IntArray, by_rate: RateRecruitment) -> FloatArray:
     """Return weights (pulses,) by the intervals before pulses, 1 at the rate `rate_hz` [Hz]."""
     order = np.argsort(onset_ns, kind='stable')
     weight = np.empty(len(onset_ns))
