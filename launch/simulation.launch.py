@@ -27,9 +27,9 @@ def generate_launch_description() -> LaunchDescription:
 
 def nodes(given: Given) -> list[Node]:
     """Return the nodes as the arguments say."""
-    record = given('record') == 'true'
-    # the force goes to identifier and recorder, the pulses to the plant too
-    listeners = 2 if record else 1
+    record, live = given('record') == 'true', given('live') == 'true'
+    # the force goes to identifier, recorder and page, the pulses to the plant too
+    listeners = 1 + record + live
     chosen: dict[str, dict[str, object]] = {
         'plant_simulator': {
             **some(given, subject='subject', scenario='scenario', quantity='quantity'),
@@ -44,8 +44,7 @@ def nodes(given: Given) -> list[Node]:
     }
     if record:
         chosen['recorder'] = some(given, path='path')
-    if given('live') == 'true':
-        # nobody waits for a page: it only looks
+    if live:
         chosen['live_page'] = some(given, quantity='quantity')
     return [configured(name, given, parameters) for name, parameters in chosen.items()]
 

@@ -258,7 +258,7 @@ class SampledPlant:
         else:
             self._muscle.add_pulses(pulse.onset_ns, pulse.intensity)
             self._recent.append(pulse)
-            latency_ns = nanoseconds(self._muscle.subject.latency)
+            latency_ns = nanoseconds(self._muscle.state(pulse.onset_ns).latency)
             if self._produced and pulse.onset_ns + latency_ns < self.newest_ns:
                 fault = 'pulse_late'
         if fault is not None:

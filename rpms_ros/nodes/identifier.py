@@ -270,6 +270,7 @@ class Identifier(NodeOfParts):
         self._axis, quantity = unit_vector(self.settings.axis), self.settings.quantity
         self._unit = UNITS[quantity]
         self._reported: dict[str, int] = {}
+        self._unread: set[str] = set()
         self._doubted = ''
         self._heard = time.monotonic()
         self._last: Estimate | None = None
@@ -331,21 +332,34 @@ class Identifier(NodeOfParts):
     def _take(self) -> None:
         """Pass what has come to the stream."""
         # Pulses last: none is handed over later than a sample that came after it.
-        forces = self._force.taken()
-        pulses = self._pulses.taken()
+        forces = self._read(self._force, WrenchStamped)
+        pulses = self._read(self._pulses, PulseMessage)
         if self._force.lost:
             self.stream.miss(self._force.lost)
             self._force.lost = 0
         if forces:
             self._heard = time.monotonic()
-        train = PulseTrain.of(
-            [messages.pulse_of(deserialize_message(one.data, PulseMessage)) for one in pulses]
-        )
+        train = PulseTrain.of([messages.pulse_of(one) for _, one in pulses])
+        places = _places([taken for taken, _ in forces], [taken for taken, _ in pulses])
         # In the order of arrival, as a recorder writes them and a replay reads them.
-        self.stream.add(train, self._trace(forces), _places(forces, pulses))
+        self.stream.add(train, self._trace([one for _, one in forces]), places)
 
-    def _trace(self, forces: list[Taken]) -> ForceTrace:
-        heard = [deserialize_message(taken.data, WrenchStamped) for taken in forces]
+    def _read(self, ear: QueuedTopic, kind: Any) -> list[tuple[Taken, Any]]:
+        """Return what has come with its messages; what cannot be read is lost."""
+        found = []
+        for taken in ear.taken():
+            try:
+                found.append((taken, deserialize_message(taken.data, kind)))
+            except Exception as error:  # noqa: BLE001
+                # of rmw, of rclpy, or of a text that is none: of another definition
+                ear.lost += 1
+                if ear.name not in self._unread:
+                    wanted = f'expected a {kind.__name__} on {ear.name}'
+                    logger_of(self).warning(f'{wanted}, got one that cannot be read: {error}')
+                self._unread.add(ear.name)
+        return found
+
+    def _trace(self, heard: list[Any]) -> ForceTrace:
         if heard:
             self._sensor_frame = heard[-1].header.frame_id
         found = [messages.force_of(one, self._axis, self.settings.quantity) for one in heard]

@@ -21,9 +21,9 @@ from rpms_ros.muscle.scenario import (
     scenario_names,
 )
 from rpms_ros.muscle.sensor import KINDS, FaultySensor, SensorFault
-from rpms_ros.muscle.simulation import Surroundings, simulate_session
+from rpms_ros.muscle.simulation import SampledPlant, Surroundings, simulate_session
 from rpms_ros.muscle.time_varying import Change, Fatigue, LivingSettings
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.pulses import Pulse, PulseTrain
 
 SAMPLES = 2000
 STAMP_NS = 1_700_000_000_000_000_000 + 1_000_000 * np.arange(SAMPLES, dtype=np.int64)
@@ -274,3 +274,15 @@ def test_the_truth_tells_what_happened_and_noting_it_changes_no_bit():
     assert at[1.5].effort == pytest.approx(2.0, rel=1e-4)
     assert at[2.5].effort == 0.0
     assert at[1.5].curve_force[-1] == pytest.approx(10.0)
+
+
+@pytest.mark.parametrize(('latency', 'late_ms'), [(0.0, 5), (0.03, 40)])
+def test_a_pulse_is_late_by_the_latency_of_now(latency, late_ms):
+    """It was by that of the subject, whatever a scenario said."""
+    scenario = scenario_from_text(f'changes:\n  - {{at: 0.0, latency: {latency}}}\n')
+    muscle = Contraction(simulation_subject(), 20.0, scenario.living)
+    plant = SampledPlant(muscle, Surroundings(scenario, 1), 1000.0)
+    plant.begin(START_NS)
+    plant.sample(1000)
+    assert plant.add(Pulse(plant.newest_ns - (late_ms - 20) * 1_000_000, 1.0, 0)) is None
+    assert plant.add(Pulse(plant.newest_ns - late_ms * 1_000_000, 1.0, 1)) == 'pulse_late'

@@ -11,6 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.serialization import serialize_message
 from std_srvs.srv import Trigger
 
 import rpms_ros
@@ -121,6 +122,22 @@ def test_a_lost_pulse_shows_in_the_sequence(graph):
     assert last.faults['pulse_lost'] == 1
     assert last.faults['samples_excluded'] >= 350
     assert np.isfinite(last.linear).all()
+
+
+def test_messages_of_another_definition_are_lost_and_nothing_else(graph, capfd):
+    """A pulse without the newest field, as of an older recording, ended the node."""
+    bench, (pulses, forces) = Bench(graph), recording()
+    pulse = messages.Pulse(int(pulses.onset_ns[0]), 0.5)
+    message = messages.pulse_message(pulse, MESSAGE_TYPES)
+    message.header.frame_id = 'coil'
+    bench._pulses.publish(serialize_message(message)[:44])
+    bench._forces.publish(serialize_message(WrenchStamped())[:30])
+    last = bench.send(pulses, forces)
+    assert last.faults['force_queue_full'] == 1
+    assert np.isfinite(last.linear).all()
+    log = capfd.readouterr().err
+    for kind in ('Pulse', 'WrenchStamped'):
+        assert f'expected a {kind} on' in log
 
 
 def test_a_best_effort_sensor_is_heard(graph, capfd):

@@ -159,12 +159,13 @@ def test_the_simulation_runs_a_schedule_and_is_recorded(graph, load, tmp_path):
     nodes['recorder'].close()
 
 
-def test_the_simulation_is_shown_on_a_page_that_nobody_waits_for(graph, load, tmp_path):
+def test_a_schedule_waits_for_the_page_too(graph, load, tmp_path):
+    """The page hears force and pulses: it was taken for the identifier, which compiles longer."""
     own = tmp_path / 'own.yaml'
     own.write_text('/**/live_page: {ros__parameters: {port: 0}}')
     launched = load('simulation', live='true', quantity='torque', parameters=str(own))
-    assert launched.chosen('plant_simulator')['minimum_subscribers'] == 1
-    assert launched.chosen('stimulator_driver')['minimum_subscribers'] == 2
+    assert launched.chosen('plant_simulator')['minimum_subscribers'] == 2
+    assert launched.chosen('stimulator_driver')['minimum_subscribers'] == 3
     page = graph.add(launched.builder('live_page'))
     assert page.session.unit == 'N m'
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
+from rclpy.qos import QoSProfile
 from rosbags.interfaces import QosDurability, QosReliability
 from rosbags.rosbag2 import Reader
 
@@ -269,6 +270,35 @@ def test_a_second_signal_while_messages_are_written_loses_none(graph, tmp_path, 
     graph.wait_for(lambda: recorder.counts['force'] == 100 and recorder.counts['pulses'] == 2)
     recorder.close()
     check(tmp_path / 'session', 100)
+
+
+def test_what_waits_when_the_context_ends_is_written(graph, tmp_path):
+    """Nothing was: the graph could not be asked for the profiles of a topic's publishers."""
+    source = Source(graph)
+    recorder = graph.add(Recorder, path=str(tmp_path / 'session'))
+    source.wait_for_listeners()
+    recorder.get_publishers_info_by_topic = None
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(recorder.context, 'ok', lambda: False)
+        source.send(100)
+        time.sleep(0.5)
+        recorder.close()
+    check(tmp_path / 'session', 100)
+
+
+def test_status_that_is_not_kept_for_latecomers_is_recorded(graph, tmp_path, capfd):
+    """Nothing of it was heard, and nobody said so."""
+    recorder = graph.add(Recorder, path=str(tmp_path / 'session'))
+    publisher = graph.publisher(DriverStatus, 'driver_status', QoSProfile(depth=10))
+    graph.wait_for(lambda: bool(recorder._ears['driver_status']._best_effort))
+
+    def heard():
+        publisher.publish(DriverStatus(state=3))
+        return recorder.counts['driver_status'] > 0
+
+    graph.wait_for(heard)
+    recorder.close()
+    assert 'without keeping the last message: it is heard' in capfd.readouterr().err
 
 
 def test_a_recorder_that_cannot_be_made_leaves_no_open_file(graph, tmp_path, monkeypatch):

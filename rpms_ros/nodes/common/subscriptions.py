@@ -12,7 +12,7 @@ from operator import attrgetter, itemgetter
 from typing import Any, NamedTuple
 
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
 from rpms_ros.nodes.common.qos import VIEW
@@ -107,6 +107,7 @@ class QueuedTopic:
     ) -> None:
         self.name = named.resolve_topic_name(topic)
         self._listener, self._kind = listener, kind
+        self._lasting = profile.durability is DurabilityPolicy.TRANSIENT_LOCAL
         self._reliable = queued_subscription(listener, kind, self.name, profile)
         self._best_effort: Subscription | None = None
         # messages that came, of which the other subscription may have a copy
@@ -129,10 +130,16 @@ class QueuedTopic:
         # while nobody publishes, the last ones
         self._gids = gids or self._gids
         self.publishers = max(self.publishers, len(infos))
-        best = [one.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT for one in infos]
+        # publishers of less than the profile asks for
+        best = [
+            one.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT
+            or (self._lasting and one.qos_profile.durability is DurabilityPolicy.VOLATILE)
+            for one in infos
+        ]
         if best and all(best) and self._best_effort is None:
             self._best_effort = queued_subscription(self._listener, self._kind, self.name, VIEW)
-            return f'{self.name} is published best effort: it is heard, and messages may be lost'
+            less = 'without keeping the last message' if self._lasting else 'best effort'
+            return f'{self.name} is published {less}: it is heard, and messages may be lost'
         if best and not any(best) and self._best_effort is not None:
             # what is lost and sent again would come late, behind its neighbours
             self._listener.destroy_subscription(self._best_effort)
@@ -151,7 +158,8 @@ class QueuedTopic:
         for one in found:
             newest, sequence = self._newest, one.sequence
             if newest is not None and sequence is not None and sequence > newest + 1:
-                self.look()
+                if self._listener.context.ok():
+                    self.look()
                 if self._newest is not None and len(self._gids) < 2:
                     self.lost += sequence - newest - 1
             self._newest = sequence
