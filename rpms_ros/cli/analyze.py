@@ -107,6 +107,6 @@ def _joined(sessions: Sequence[Session]) -> Session:
         # steady forces are above a line from rest to rest: a sensor is zeroed between trials
         before = forces.stamp_ns - int(pulses.onset_ns.min(initial=2**62))
         rest = forces.force[(before < 0) & (before >= -_REST_NS) & np.isfinite(forces.force)]
-        force.append(forces.force - (rest.mean() if len(rest) else 0.0))
+        force.append(forces.force - (np.median(rest) if len(rest) else 0.0))
         start = int(stamps.max(initial=start - shift)) + shift + _PAUSE_NS
     return PulseTrain.joined(trains), ForceTrace(np.concatenate(stamp_ns), np.concatenate(force))

@@ -77,7 +77,7 @@ class ForceBins:
         place = stamp_ns // BIN_NS
         if place == self._open:
             self._low, self._high = min(self._low, force), max(self._high, force)
-        elif not self._begun or not -_JUMP < place - self._open < _JUMP:
+        elif not self._begun or not -_JUMP < place - self._open < KEPT:
             self._jumped(place, force)
         elif place > self._open:
             self._close(place)
@@ -102,13 +102,10 @@ class ForceBins:
             self.stray += 1
             return
         self._strays = (0, 0)
-        if self._begun and 0 < place - self._open < KEPT:
-            self._close(place)
-        else:
-            self.epoch += self._begun
-            self._begun = True
-            self.origin, self.newest = place, place - 1
-            self._values.fill(np.nan)
+        self.epoch += self._begun
+        self._begun = True
+        self.origin, self.newest = place, place - 1
+        self._values.fill(np.nan)
         self._open, self._low, self._high = place, force, force
 
     def _close(self, place: int) -> None:
@@ -179,6 +176,7 @@ class ModelledForce:
             onset_ns = np.array([onset for onset, _ in given], dtype=np.int64)
             share = self._estimate.relative_recruitment(np.array([u for _, u in given]))
             weight = rate_weights(self._estimate.repetition_rate, onset_ns, RateRecruitment())
+            weight[~np.isfinite(weight)] = 1.0
             after = (stamp_ns[:, None] - onset_ns[None, :]) * 1e-9
             caused = np.interp(after, time, response, left=0.0, right=0.0)
             total += (caused @ np.column_stack((share, share * weight))).T

@@ -53,10 +53,14 @@ class Topic:
         Of the topic.
     longest_silence : float
         Silence after which it counts as silent [s]; infinite where silence says nothing.
+    seldom : bool
+        Whether it may come at any period, and is silent after three of them then.
     """
 
-    def __init__(self, name: str, type_name: str, longest_silence: float) -> None:
-        self.name, self.type_name = name, type_name
+    def __init__(
+        self, name: str, type_name: str, longest_silence: float, seldom: bool = False
+    ) -> None:
+        self.name, self.type_name, self._seldom = name, type_name, seldom
         self.count = 0
         self.refused = ''
         self._longest_silence = longest_silence
@@ -95,8 +99,7 @@ class Topic:
             return NEVER
         if self.age(now) <= min(self._longest_silence, _SPAN):
             return OK
-        # what comes seldom is silent later
-        longest = max(self._longest_silence, 3.0 * min(self._apart, self._before))
+        longest = max(self._longest_silence, 3.0 * min(self._apart, self._before) * self._seldom)
         return SILENT if self.age(now) > longest else QUIET
 
     def view(self, now: float) -> dict[str, Any]:

@@ -304,7 +304,12 @@ class LivePage(NodeOfParts):
         if settings.token_file and not token:
             token = token_of(Path(settings.token_file).expanduser())
         heard = {
-            key: Topic(self.resolve_topic_name(name), topics.type_name_of(kind), silence)
+            key: Topic(
+                self.resolve_topic_name(name),
+                topics.type_name_of(kind),
+                silence,
+                seldom=key == shown.ESTIMATE,
+            )
             for key, (name, kind, silence) in _TYPES.items()
         }
         namespace, own = self.get_namespace(), self.get_fully_qualified_name()

@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 
 from rpms_ros.cli import main
+from rpms_ros.cli.analyze import _joined
+from rpms_ros.identification.analysis.responses import clean
 from rpms_ros.muscle import Contraction, simulation_subject
 from rpms_ros.pulses import ForceTrace, PulseTrain
 from rpms_ros.recording import read_recording, write_recording
@@ -90,6 +92,24 @@ def test_a_sensor_zeroed_between_trials_changes_no_steady_force(rpms, tmp_path):
         found.append(document['recruitment']['maximum_force'])
     assert found[1] == pytest.approx(found[0], rel=1e-4)
     assert found[0]['value'] == pytest.approx(10.0, rel=0.01)
+
+
+def test_each_of_several_trials_may_be_clipped_and_have_a_wild_sample():
+    """Above the rest of each, the ends of two sensors are two; and a mean takes a spike along."""
+    stamps, sessions = np.arange(11_000, dtype=np.int64) * 1_000_000, []
+    pulses = PulseTrain.regular(np.full(60, 0.9), 20.0, 10**9)
+    for trial in range(2):
+        muscle = Contraction(simulation_subject())
+        muscle.add_pulses(pulses.onset_ns, pulses.intensity)
+        force = muscle.force(stamps) + 0.01 * np.random.default_rng(trial).normal(size=11_000)
+        force = np.minimum(force, 8.0)
+        force[900] = 1e9
+        sessions.append((pulses, ForceTrace(stamps, force)))
+    found = clean(_joined(sessions)[1])
+    assert len(found.force) == 2 * 11_000 - 2
+    first, second = found.saturated[:10_999].sum(), found.saturated[10_999:].sum()
+    assert first == pytest.approx(second, rel=0.05)
+    assert first > 1000
 
 
 def test_many_trials_are_ten_seconds_apart(rpms, tmp_path):

@@ -386,16 +386,41 @@ def test_trains_are_of_another_clock_only_if_they_are(count, rate, rest, levels)
     begin = np.arange(1.0, 32.0, (count - 1) / rate + rest)
     onset = (begin[:, None] + np.arange(count) / rate).ravel()
     intensity = np.repeat(np.resize(levels, len(begin)), count)
+    assert judged_clock(onset, intensity) == []
+    assert judged_clock(onset, intensity, 0.3) == [CLOCKS_DIFFER]
+
+
+@pytest.mark.parametrize('least', [0.1, 0.4])
+@pytest.mark.parametrize('on_off', [(1.0, 1.0), (2.0, 2.0)])
+def test_trains_that_ramp_up_are_of_no_other_clock(least, on_off):
+    """The first pulse of each is the weakest one: the force answers those that follow."""
+    onset = np.arange(1.0, 33.0, 0.05)
+    since = onset % sum(on_off)
+    onset, since = onset[since < on_off[0]], since[since < on_off[0]]
+    intensity = least + (1.0 - least) * since / on_off[0]
+    assert judged_clock(onset, intensity) == []
+
+
+@pytest.mark.parametrize('ahead_s', [0.0, 0.3, -0.3])
+def test_doublets_of_random_levels_tell_the_clock(ahead_s):
+    begin = np.arange(1.0, 33.0, 0.5)
+    level = np.random.default_rng(0).uniform(0.2, 1.0, len(begin))
+    onset = (begin[:, None] + 0.01 * np.arange(2)).ravel()
+    assert judged_clock(onset, np.repeat(level, 2), ahead_s) == [CLOCKS_DIFFER] * bool(ahead_s)
+
+
+def judged_clock(onset, intensity, ahead_s=0.0) -> list[str]:
+    """Doubts of force that a muscle answers with, stamped so much later [s]."""
     pulses = PulseTrain.numbered((1e9 * onset).astype(np.int64), intensity)
     muscle = Contraction(simulation_subject())
     muscle.add_pulses(pulses.onset_ns, pulses.intensity)
     stamps = np.arange(34_000, dtype=np.int64) * 1_000_000
     force = muscle.force(stamps) + 0.05 * np.random.default_rng(2).standard_normal(len(stamps))
-    for ahead_ns in (0, 300_000_000):
-        judged = Alignment(lasting=False)
-        judged.add(stamps + ahead_ns, force, pulses.onset_ns, pulses.intensity)
-        judged.judge(int(stamps[-1]))
-        assert list(judged.found) == ([CLOCKS_DIFFER] if ahead_ns else [])
+    judged = Alignment(lasting=False)
+    later_ns = round(ahead_s * NANOSECONDS_PER_SECOND)
+    judged.add(stamps + later_ns, force, pulses.onset_ns, pulses.intensity)
+    judged.judge(int(stamps[-1]))
+    return list(judged.found)
 
 
 def test_what_acts_from_before_the_last_half_minute_is_no_force_without_pulses():

@@ -50,22 +50,6 @@ def test_a_slow_sensor_is_a_line_and_a_pause_a_hole(start_ns):
     assert not np.isnan(low[80:]).any()
 
 
-def test_one_stamp_ahead_wipes_nothing_and_a_long_pause_is_one(start_ns):
-    bins = ForceBins()
-    for index in range(100):
-        bins.add(start_ns + index * BIN_NS, 1.0)
-    bins.add(start_ns + 15 * 10**9, 5.0)
-    for index in range(100, 110):
-        bins.add(start_ns + index * BIN_NS, 1.0)
-    assert (bins.stray, bins.epoch, bins.newest - bins.oldest) == (1, 0, 108)
-    for index in range(3000, 3010):
-        bins.add(start_ns + index * BIN_NS, 2.0)
-    assert bins.epoch == 0
-    low, _, _ = bins.since(bins.oldest, bins.newest)
-    assert low[-1] == 2.0
-    assert low[0] == 1.0
-
-
 @given(
     st.lists(
         st.tuples(

@@ -4,6 +4,7 @@
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -81,6 +82,9 @@ def test_pulses_at_another_rate_weigh_as_in_what_was_measured(make_estimate, sta
     caused = np.interp(lag, *response, left=0.0, right=0.0)
     measured = 0.5 + caused @ (weight if by_rate else np.ones(50))
     np.testing.assert_allclose(model.at(stamps, measured), measured, rtol=1e-9)
+    # no number of anybody takes the force away
+    model.estimate(replace(estimate, repetition_rate=math.nan))
+    assert np.isfinite(model.at(stamps, measured)).all()
 
 
 def test_after_a_jump_of_the_clock_earlier_pulses_do_not_act(session, make_estimate, start_ns):

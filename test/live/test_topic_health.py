@@ -42,11 +42,12 @@ def test_a_topic_that_falls_silent(topic):
 
 def test_what_comes_seldom_is_silent_later():
     """An identifier with an estimate every ten seconds was said to be silent most of the time."""
-    topic = Topic('/estimate', PULSE, 2.0)
-    for step in range(4):
-        topic.heard(1, 10.0 * step)
-    assert topic.view(45.0)['state'] == 'quiet'
-    assert topic.view(61.0)['state'] == 'silent'
+    for seldom, state in ((True, 'quiet'), (False, 'silent')):
+        topic = Topic('/estimate', PULSE, 2.0, seldom)
+        for step in range(4):
+            topic.heard(1, 10.0 * step)
+        assert topic.view(45.0)['state'] == state
+        assert topic.view(61.0)['state'] == 'silent'
 
 
 def test_silence_of_pulses_is_no_fault():

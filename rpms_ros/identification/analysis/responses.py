@@ -153,6 +153,8 @@ def _levels(pulses: PulseTrain, first: int, last: int) -> tuple[Level, ...]:
 
 # Noise never repeats its extreme value so often in a row; a sensor at the end of its range does.
 _SATURATED_RUN = 5
+# Trials that were put one after the other are further apart than this [ns].
+_APART_NS = 5 * NANOSECONDS_PER_SECOND
 _RATE_CHANGE = 0.1
 _RATE_BLOCK = 100
 
@@ -217,7 +219,9 @@ def clean(trace: ForceTrace) -> CleanTrace:
         )
     if len(stamps) < _RATE_BLOCK:
         raise IdentificationError(f'expected at least {_RATE_BLOCK} samples, got {len(stamps)}')
-    saturated = _saturated(force)
+    # trials one after the other have ends of their own
+    trials = np.split(force, np.flatnonzero(np.diff(stamps) > _APART_NS) + 1)
+    saturated = np.concatenate([_saturated(trial) for trial in trials])
     if saturated.any():
         ends = ' and '.join(f'{value:.4g}' for value in np.unique(force[saturated]))
         findings.append(

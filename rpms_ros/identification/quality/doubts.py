@@ -398,8 +398,12 @@ def _answered_apart(
     else:
         # a train of alike pulses answers as a whole, and so ahead of its later ones
         begin = places[np.diff(places, prepend=0) >= _TRAIN_APART]
-        if _FEW_APART <= len(begin) < len(places):
-            drive = np.isin(np.arange(len(step)), begin) - len(begin) / len(step)
+        trains = np.split(given, np.flatnonzero(~near) + 1)
+        even = max(map(np.ptp, trains)) < SMALLEST_INTENSITY_SPAN
+        if even and _FEW_APART <= len(begin) < len(places):
+            drive[:] = 0.0
+            drive[begin] = intensity[begin]
+            drive -= drive.mean()
     known = (np.arange(len(step)) >= first) & (np.arange(len(step)) < last)
     room = _correlated(known.astype(float), np.square(drive))
     # lags at which little is left to compare are no measure of chance
