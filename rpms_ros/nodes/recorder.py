@@ -196,8 +196,7 @@ class Recorder(NodeOfParts):
             _, received_ns, name, data = self._found.popleft()
             if name not in self._numbers:
                 # Its publisher is known only now, with its quality of service.
-                alive = self.context.ok()
-                infos = self.get_publishers_info_by_topic(name) if alive else []
+                infos = self.get_publishers_info_by_topic(name) if self.context.ok() else []
                 kind = topics.type_name_of(_TOPICS[name][0])
                 profiles = [_recorded(one.qos_profile) for one in infos]
                 self._numbers[name] = self._writer.add_topic(self._ears[name].name, kind, profiles)

@@ -386,7 +386,8 @@ def _answered_apart(
     varied = float(np.ptp(given)) >= SMALLEST_INTENSITY_SPAN
     given -= given.mean()
     # within trains, if there are any
-    near = np.diff(places) < _TRAIN_APART
+    apart = np.diff(places, prepend=0) >= _TRAIN_APART
+    near = ~apart[1:]
     pair = np.stack((given[1:], given[:-1]))[:, near if near.any() else ~near]
     alike = float(pair[0] @ pair[1]) / max(float(pair[0] @ pair[0]), 1e-100) if varied else 1.0
     if told := alike < _FORETOLD and len(given) >= _MANY:
@@ -397,8 +398,7 @@ def _answered_apart(
         drive[places[_TOLD:]] = given[_TOLD:] - foretold
     else:
         # a train of alike pulses answers as a whole, and so ahead of its later ones
-        begin = places[np.diff(places, prepend=0) >= _TRAIN_APART]
-        trains = np.split(given, np.flatnonzero(~near) + 1)
+        begin, trains = places[apart], np.split(given, np.flatnonzero(~near) + 1)
         even = max(map(np.ptp, trains)) < SMALLEST_INTENSITY_SPAN
         if even and _FEW_APART <= len(begin) < len(places):
             drive[:] = 0.0

@@ -118,6 +118,9 @@ class QueuedTopic:
 
     def look(self) -> str:
         """Look at the publishers; say that it is heard best effort from now on, else nothing."""
+        if not self._listener.context.ok():
+            # the process is about to end, and the graph cannot be asked any more
+            return ''
         found = self._listener.get_publishers_info_by_topic(self.name)
         own = type_name_of(self._kind)
         infos = [one for one in found if one.topic_type == own]
@@ -158,8 +161,7 @@ class QueuedTopic:
         for one in found:
             newest, sequence = self._newest, one.sequence
             if newest is not None and sequence is not None and sequence > newest + 1:
-                if self._listener.context.ok():
-                    self.look()
+                self.look()
                 if self._newest is not None and len(self._gids) < 2:
                     self.lost += sequence - newest - 1
             self._newest = sequence
